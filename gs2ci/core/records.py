@@ -4,6 +4,7 @@ Here: `Shot`, one coded measurement with all that is known about it, and its che
 (`gs2ci.core.storage`), torch.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Final, Literal, get_args
 
@@ -135,6 +136,10 @@ class Shot:
     def lit(self) -> Bool:
         """Get the pixels that at least one mask opens, [H, W]."""
         return np.asarray(self.masks[self.weights > 0].any(axis=0))
+
+    def weights_by(self, factors: Sequence[float] | F64 | None) -> F32:
+        """Return the weights times factors, [N], as a run corrected them; its own for None."""
+        return self.weights if factors is None else (self.weights * np.array(factors)).astype(np.float32)
 
     @property
     def usable(self) -> Bool:

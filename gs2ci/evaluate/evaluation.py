@@ -226,10 +226,8 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
 
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
     """Code views as the run did: with the weights that it corrected, if any."""
-    weights = shot.weights if brightness is None else (shot.weights * np.array(brightness)).astype(np.float32)
-    predicted: F32 = (
-        Coding.of(replace(shot, weights=weights)).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
-    )
+    lit = replace(shot, weights=shot.weights_by(brightness))
+    predicted: F32 = Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
     return predicted
 
 

@@ -108,6 +108,12 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "registration",
     ),
     Mechanism(
+        "restored masks",
+        "masks of open and closed elements that are stated soft or with noise are restored",
+        lambda settings: _set(settings, registration=replace(settings.registration, restores=False)),
+        "registration",
+    ),
+    Mechanism(
         "brightness",
         "weights of the masks are corrected from the measurement",
         lambda settings: _set(settings, brightness=replace(settings.brightness, rounds=0)),

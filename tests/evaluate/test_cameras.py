@@ -140,6 +140,17 @@ def test_every_split_has_views_to_train_with_and_views_to_judge_by(count):
     assert set(split["train_filenames"]) | set(split["val_filenames"]) == set(names)
 
 
+def test_a_box_holds_what_is_not_far_out_and_is_the_next_power_of_two():
+    along = np.linspace(-5, 5, 2001)
+    points = np.stack([along, 0.1 * along, 0 * along], axis=1)
+    box = ngp_box(points, np.eye(4)[None])
+    # Of 10 units, the inner 9.6 fill nine tenths of the unit cube.
+    assert box["scale"] == pytest.approx(0.9 / 9.6, rel=1e-3)
+    assert box["aabb_scale"] == 1
+    farther = np.concatenate([points, [[9.0, 0, 0]]])
+    assert ngp_box(farther, np.eye(4)[None])["aabb_scale"] == 2
+
+
 def test_a_box_of_one_place_is_of_some_size():
     box = ngp_box(np.zeros((0, 3)), np.eye(4)[None])
     assert (box["scale"], box["offset"], box["aabb_scale"]) == (1.0, [0.5, 0.5, 0.5], 1)

@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
@@ -63,7 +61,7 @@ def tried_together(
     joint = reconstruct_together([holdout.seen, *chosen[1:]], replace(trial.settings, seed=seed))
     seconds = clock() - began_s
     part, truth = joint.parts[0], first.truth
-    lit = first.weights if part.brightness is None else (first.weights * np.array(part.brightness)).astype(np.float32)
+    lit = first.weights_by(part.brightness)
     coded = part.views if part.exposed_views is None else part.exposed_views
     path = truth.world_to_camera
     details: Row = {

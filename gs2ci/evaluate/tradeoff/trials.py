@@ -239,11 +239,11 @@ def _treated(registered: Registered, trial: TradeoffTrial, seed: int) -> Treated
         views = full_size(decode_by_name(small, settings.first_look, settings.decode))
         return Treated(views, views, shot.weights, {"iterations": 0, "gaussians": 0, "nate": None})
     result = reconstruct(small, settings, registered=registered).result
-    views, truth, lit = full_size(result.views), shot.truth.world_to_camera, result.brightness
+    views, truth = full_size(result.views), shot.truth.world_to_camera
     return Treated(
         views=views,
         coded=views if result.exposed_views is None else full_size(result.exposed_views),
-        weights=shot.weights if lit is None else (shot.weights * np.array(lit)).astype(np.float32),
+        weights=shot.weights_by(result.brightness),
         details={
             "iterations": result.curve[-1].iteration if result.curve else 0,
             "gaussians": result.gaussians,

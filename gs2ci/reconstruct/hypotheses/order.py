@@ -28,7 +28,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel, turned
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
-from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
 LEAST_SCHEDULE: Final = 150
 """If the whole fit has fewer iterations, no short fits are made, which would cost as much again. A draft has fewer."""
@@ -39,10 +39,9 @@ _ITERATIONS: Final = 60
 _MOST_PAIRS: Final = 2
 _MOST_PAIRS_OF_GIVEN: Final = 4
 # The standard deviation of a pair's log ratio by chance, measured on pictures of this many pixels and larger in smaller
-# ones; and how many standard errors count as sure (`python -m tests.benchmarks depth_order`).
+# ones (`python -m tests.benchmarks depth_order`).
 _LUCK: Final = 0.08
 _LUCK_PIXELS: Final = 96 * 128
-_SURE: Final = 2.0
 # The factor for pairs of one solution alone: a reversal leaves up to a tenth more because it is no minimum, once three
 # times as much.
 _ONE_FINDING_COUNTS: Final = 1 / 2
@@ -136,7 +135,7 @@ def settle(
 def _state(errors: float, *, given: bool, backwards: bool) -> DepthOrder:
     if given:
         return DepthOrder.CONTRADICTED if backwards else DepthOrder.SETTLED
-    if abs(errors) < _SURE:
+    if abs(errors) < SURE:
         return DepthOrder.OPEN
     return DepthOrder.TURNED if backwards else DepthOrder.SETTLED
 
@@ -153,7 +152,7 @@ def _with_travel(seen: float, travel: float) -> float:
     """
     both = seen + travel
     sign = math.copysign(1.0, both)
-    if travel != 0 and sign * seen < _SURE:
+    if travel != 0 and sign * seen < SURE:
         return sign * max(sign * seen, _BY_TRAVEL_ALONE)
     return both * _CONTRADICTED_COUNTS if sign * travel <= -_CONTRADICTS else both
 
@@ -197,9 +196,9 @@ def _of_pairs(
         errors = _with_travel(seen, travel)
         if given:
             doubted = errors <= -_SURE_AGAINST_GIVEN and len(found) >= _LEAST_PAIRS_AGAINST_GIVEN
-            sure = errors >= _SURE or doubted
+            sure = errors >= SURE or doubted
         else:
-            sure = abs(errors) >= _SURE
+            sure = abs(errors) >= SURE
     return found, errors
 
 

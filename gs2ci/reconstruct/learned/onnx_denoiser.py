@@ -15,11 +15,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import SIDE_MULTIPLE, fixed_side, open_model, run_model, signature
 
-# Networks halve their images up to three times: sides are padded to a multiple of this, by reflection, if the model
-# leaves them open.
-_SIDE_MULTIPLE: Final = 8
 _CALLED: Final = (
     "an image [N, 1 or 3, H, W] float32, then, if at all, sigma: [], [N], [N, 1, 1, 1] or [N, 1, H, W] float32"
 )
@@ -92,8 +89,7 @@ class OnnxDenoiser:
     def _padded(self, images: F32) -> F32:
         sides = [fixed_side(side) for side in self._image.shape[2:]]
         wanted = [
-            side or -(-had // _SIDE_MULTIPLE) * _SIDE_MULTIPLE
-            for side, had in zip(sides, images.shape[2:], strict=True)
+            side or -(-had // SIDE_MULTIPLE) * SIDE_MULTIPLE for side, had in zip(sides, images.shape[2:], strict=True)
         ]
         for side, had in zip(sides, images.shape[2:], strict=True):
             if side is not None and side != had:

@@ -22,6 +22,8 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.reconstruct.choices import ModelName
 
 # The operator set of files that are written here: old enough for any ONNX Runtime since 2022.
+# Networks halve their images up to three times; sides that a model leaves open are padded to a multiple of this.
+SIDE_MULTIPLE: Final = 8
 OPSET: Final = 17
 
 

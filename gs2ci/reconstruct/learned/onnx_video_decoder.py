@@ -27,11 +27,9 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import SIDE_MULTIPLE, fixed_side, open_model, run_model, signature
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
-# Networks halve their images up to three times.
-_SIDE_MULTIPLE: Final = 8
 _RANK: Final = 4
 # Axes (rows, columns) whose reversal makes a mosaic start with R G.
 _FLIPS: Final[dict[str, tuple[int, ...]]] = {"RGGB": (), "GRBG": (1,), "GBRG": (0,), "BGGR": (0, 1)}
@@ -115,7 +113,7 @@ class OnnxVideoDecoder:
                 f"{sides[1] or 'any'} px, not {len(masks)} of {height} x {width}",
                 remedy="export the model with open axes, or crop the measurement",
             )
-        rows, columns = (0 if s else -had % _SIDE_MULTIPLE for s, had in zip(sides, (height, width), strict=True))
+        rows, columns = (0 if s else -had % SIDE_MULTIPLE for s, had in zip(sides, (height, width), strict=True))
         # Mirrored about the last pixel, which keeps the pattern of a mosaic.
         around = ((0, 0), (0, 0), (0, rows), (0, columns))
         y, phi = (np.pad(one, around, mode="reflect") for one in (measurement[None, None], masks[None]))

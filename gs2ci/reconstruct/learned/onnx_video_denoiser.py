@@ -16,10 +16,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.reconstruct.decode.denoisers import Denoiser
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import SIDE_MULTIPLE, fixed_side, open_model, run_model, signature
 
-# Networks halve their images up to three times: sides are padded to a multiple of this, by reflection.
-_SIDE_MULTIPLE: Final = 8
 _RANK: Final = 5
 _CALLED: Final = (
     "frames [N, F, 1 or 3, H, W] float32 with F fixed and odd and open sides, then sigma: [] or [N] float32"
@@ -71,7 +69,7 @@ class OnnxVideoDenoiser:
 
     def _denoise(self, views: F32, sigma: float) -> F32:
         height, width = views.shape[2:]
-        rows, columns = (-(-side // _SIDE_MULTIPLE) * _SIDE_MULTIPLE - side for side in (height, width))
+        rows, columns = (-(-side // SIDE_MULTIPLE) * SIDE_MULTIPLE - side for side in (height, width))
         padded = np.pad(views, ((0, 0), (0, 0), (0, rows), (0, columns)), mode="symmetric")
         # One middle frame at a time: the working memory of a network is hundreds of times its frames.
         level = np.full((1,) if len(self._sigma.shape) else (), sigma, np.float32)

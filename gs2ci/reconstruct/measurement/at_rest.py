@@ -14,6 +14,7 @@ from scipy.special import expit, logit
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.blocks import RIDGE
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
 
 # A block at rest may seem displaced by so much, px over the exposure, besides the standard error: first-order errors.
@@ -24,9 +25,8 @@ _MOVING_PX: Final = (1.0, 2.5, 6.0)
 # rest, from which on it is believed (`python -m tests.benchmarks at_rest`).
 _LEAST_EVIDENCE: Final = 12.0
 _LEAST_SHARE: Final = 0.3
-# The smooth field settles within so many steps; its regression is kept defined relative to the mean of its diagonal.
+# The smooth field settles within so many steps.
 _FIELD_STEPS: Final = 10
-_RIDGE: Final = 1e-6
 
 
 def share_at_rest(shot: Shot) -> float:
@@ -79,7 +79,7 @@ def _moves_smoothly(displaced: BlockDisplacements, places: F64, share: float, ev
     belongs = np.ones(len(x))
     for _ in range(_FIELD_STEPS):
         gram = np.tensordot(belongs, grams, axes=1)
-        gram += np.eye(len(gram)) * max(_RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
+        gram += np.eye(len(gram)) * max(RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
         field = design @ np.linalg.solve(gram, belongs @ moments)
         share, found = _likeliest_share(displaced, field)
         if found > evidence + penalty:

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32, F64
 
 BLOCK_PX: Final = 16
+# Significance level of a block: the probability of such a result if there is nothing to find.
+CHANCE: Final = 1e-3
+# Keeps regressions defined; relative to the mean of the diagonal, over a block.
+RIDGE: Final = 1e-6
 
 
 def in_blocks(picture: F32 | F64) -> F64:

@@ -180,7 +180,7 @@ def _smoothed(views: F32) -> F32:
 
 def relit(holdout: Holdout, found: BrightnessEstimate) -> Holdout:
     """Return the measurement with corrected weights, whose mean over its masks' light is unchanged."""
-    weights = (holdout.shot.weights * found.found).astype(np.float32)
+    weights = holdout.shot.weights_by(found.found)
     return Holdout(replace(holdout.shot, weights=weights), holdout.pixels)
 
 

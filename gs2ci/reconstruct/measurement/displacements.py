@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, RIDGE, in_blocks
 
 # Standard deviation of the smoothing before gradients are taken: the pattern of the masks is removed, edges are kept.
 _SMOOTH_PX: Final = 1.0
@@ -58,8 +58,7 @@ _FIELD_PX: Final = 0.15
 # It is taken out in so many steps, of the picture smoothed by so much (standard deviation).
 _STEPS_OUT: Final = 4
 _SHARP_PX: Final = 0.6
-# Keeps regressions defined; relative to the mean of the diagonal, over the block and over the picture.
-_RIDGE: Final = 1e-6
+# The same over the picture.
 _RIDGE_OF_PICTURE: Final = 1e-9
 
 
@@ -174,7 +173,7 @@ def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> 
     unknowns = gram.shape[-1]
     trace = np.trace(gram, axis1=1, axis2=2) / unknowns
     least = max(_RIDGE_OF_PICTURE * float(trace.mean()), np.finfo(np.float64).tiny)
-    inverse = np.linalg.inv(gram + np.eye(unknowns) * np.maximum(_RIDGE * trace, least)[:, None, None])
+    inverse = np.linalg.inv(gram + np.eye(unknowns) * np.maximum(RIDGE * trace, least)[:, None, None])
     found = inverse @ moment
     freedom = np.maximum(count - unknowns, 1)[:, None]
     variance = np.maximum(power - (found * moment).sum(axis=1), 0) / freedom

@@ -33,8 +33,8 @@ LARGEST_CANVAS: Final = 2.0
 SMALLEST_CANVAS: Final = 0.5
 # Gives interpolation neighbours around every position.
 _BORDER_PX: Final = 1
-# SciPy puts the centre of the first pixel at 0, this project at 0.5.
-_CENTRE_OFFSET: Final = 0.5
+# SciPy and OpenCV put the centre of the first pixel at 0, this project at 0.5.
+CENTRE_OFFSET: Final = 0.5
 # Orders of splines. A cubic spline displaces the picture by less than a hundredth of a pixel; OpenCV's cubic kernel
 # displaces it by up to 0.06 px, in directions that vary over the picture.
 _CUBIC: Final[Literal[3]] = 3
@@ -120,7 +120,7 @@ def pixel_centres(size: tuple[int, int]) -> F64:
 
 def _resampled(views: F32, places: F64, order: Literal[1, 3]) -> F32:
     """Interpolate views, [N, H, W, C], at positions, [h, w, 2]; beyond the border it is repeated."""
-    at = np.moveaxis(places, -1, 0)[::-1] - _CENTRE_OFFSET
+    at = np.moveaxis(places, -1, 0)[::-1] - CENTRE_OFFSET
     shown = np.empty((len(views), *places.shape[:2], views.shape[3]), np.float32)
     for view, channel in np.ndindex(len(views), views.shape[3]):
         shown[view, ..., channel] = map_coordinates(views[view, ..., channel], at, order=order, mode="nearest")

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A picture of one row or column has no gradient across it.
@@ -31,8 +31,6 @@ _LEAST_PIXELS: Final = 32
 # What is added to second moments, as a share of their trace, to invert those of a picture without gradient in some
 # direction.
 _LEAST_SHARE: Final = 1e-9
-# Significance level of a block: the probability of such a result if nothing moves.
-_CHANCE: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     by_chance = np.trace(np.linalg.solve(gram, spread), axis1=2, axis2=3)
     gained = (velocity * moment).sum(axis=-1)
     ratio = (moment * np.linalg.solve(_invertible(spread), moment[..., None])[..., 0]).sum(axis=-1) / 2
-    sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < _CHANCE)
+    sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < CHANCE)
     explained = (gained - by_chance)[testable].sum() / power[testable].sum()
     return LeftByMotion(
         explained=max(float(explained), 0.0),

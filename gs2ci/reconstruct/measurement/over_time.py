@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import fdtrc, fdtri
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, RIDGE, in_blocks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # The same blocks, displaced by half a block down and to the right: a place belongs to four blocks, fewer at the border.
@@ -42,16 +42,12 @@ _FREQUENCIES: Final = 8
 # wide, and along no direction in which a pattern may be displaced from view to view. Compared are these quantiles.
 _ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
 _QUANTILE: Final = 0.95
-# Significance level of a block: the probability of such a result if its views are right.
-_CHANCE: Final = 1e-3
 # Smaller errors (root mean square over the views, full scale 1) are not worth replacing views.
 _VISIBLE: Final = 0.02
 # The brightness of blocks holds about half of the squared error of views that cannot follow what moves (0.43 to 0.55 of
 # it in six scenes). Views are replaced if that error is more than half of the squared difference from the other views,
 # so that these err less.
 _LEAST_OF_DIFFERENCE: Final = 0.25
-# Keeps the regression defined where masks do not differ within a block; relative to the mean of the diagonal.
-_RIDGE: Final = 1e-6
 # Less of the picture is left as it is: one block in a thousand is wrong by chance.
 _LEAST_SHARE: Final = 0.01
 # By so much the places are widened, since the border of what moves lies between blocks; and the standard deviation of
@@ -134,7 +130,7 @@ def _of_whole_views(left: F32, coded: F32, asked: Bool) -> F32:
     """Return the part of a residual, [H, W], that brighter or darker whole views explain; their light: [N, H, W]."""
     light = coded[:, asked].astype(np.float64)
     gram = light @ light.T
-    gram += np.eye(len(gram)) * max(_RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
+    gram += np.eye(len(gram)) * max(RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
     gains = np.linalg.solve(gram, light @ left[asked].astype(np.float64))
     found: F32 = np.tensordot(gains.astype(np.float32), coded, axes=1)
     return found
@@ -160,7 +156,7 @@ class _Tested:
 
     def wrong(self, inflated: float) -> Bool:
         """Tell in which blocks, [B], views are wrong, if ratios are so many times too large by chance."""
-        found: Bool = self.visible & (fdtrc(*self.freedom, self.ratio / inflated) < _CHANCE)
+        found: Bool = self.visible & (fdtrc(*self.freedom, self.ratio / inflated) < CHANCE)
         return found
 
     def sure_power(self, inflated: float) -> F64:
@@ -189,7 +185,7 @@ def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
     design = design - (common * design).sum(axis=1, keepdims=True) / power * common
     gram = design.swapaxes(1, 2) @ design
     trace = np.trace(gram, axis1=1, axis2=2) / unknowns
-    gram += np.eye(unknowns) * np.maximum(_RIDGE * trace, np.finfo(np.float64).tiny)[:, None, None]
+    gram += np.eye(unknowns) * np.maximum(RIDGE * trace, np.finfo(np.float64).tiny)[:, None, None]
     moments = design.swapaxes(1, 2) @ residuals
     offsets = np.linalg.solve(gram, moments)
     gained, whole = (offsets * moments).sum(axis=1), (residuals**2).sum(axis=1)

@@ -17,13 +17,22 @@ from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile
 from gs2ci.reconstruct.registration.fine import Problem, deviations_of, pixel_weights
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import AFFINE, BENT, BY_NAME, FIELD, FIELD_AT_PX, HIGHER, LOW, NAMES
+from gs2ci.reconstruct.registration.parameters import (
+    AFFINE,
+    BENT,
+    BY_NAME,
+    FIELD,
+    FIELD_AT_PX,
+    HIGHER,
+    LOW,
+    NAMES,
+    STEP_PX,
+)
 from gs2ci.reconstruct.registration.placement import Placement
 
 # The field has to move masks somewhere by so much relative to the best affine: less costs less than 0.05 dB.
 MATTERS_PX: Final = 0.05
 _ROUNDS: Final = 8
-_STEP_PX: Final = 0.1
 _SETTLED_PX: Final = 2e-3
 # Longer steps, beyond the range in which the pattern gives a gradient, are shortened to this at the picture's corner.
 _LONGEST_STEP_PX: Final = 1.0
@@ -217,8 +226,8 @@ def _moves(row: F64, column: F64, names: tuple[str, ...]) -> F64:
 def _jacobian(problem: Problem, misfit: Misfit, bases: F64) -> F64:
     """Return the derivative of the errors by each parameter, [P, H, W]."""
     by_shift = [
-        (problem.errors(misfit.moved(down, right)) - problem.errors(misfit.moved(-down, -right))) / (2 * _STEP_PX)
-        for down, right in ((_STEP_PX, 0.0), (0.0, _STEP_PX))
+        (problem.errors(misfit.moved(down, right)) - problem.errors(misfit.moved(-down, -right))) / (2 * STEP_PX)
+        for down, right in ((STEP_PX, 0.0), (0.0, STEP_PX))
     ]
     jacobian: F64 = bases[:, 0] * by_shift[0] + bases[:, 1] * by_shift[1]
     return jacobian

@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import BY_NAME, NAMES, PARAMETERS
 from gs2ci.reconstruct.registration.widening import MaskSum
 
 _ROUNDS: Final = 12
-_BLOCK_PX: Final = 16
 # Fewer blocks are not enough to estimate the scatter of scores.
 LEAST_BLOCKS: Final = 12
 _SETTLED: Final = 1e-2
@@ -147,7 +147,7 @@ def deviations_of(jacobian: F64, errors: F64, weights: F64) -> F64:
     normal = np.einsum("ihw,jhw,hw->ij", jacobian, jacobian, weights)
     scores = jacobian * (weights * errors)
     height, width = errors.shape
-    side = min(_BLOCK_PX, max(4, int(np.sqrt(height * width / (4 * LEAST_BLOCKS)))))
+    side = min(BLOCK_PX, max(4, int(np.sqrt(height * width / (4 * LEAST_BLOCKS)))))
     rows, columns = -(-height // side), -(-width // side)
     padded = np.zeros((count, rows * side, columns * side))
     padded[:, :height, :width] = scores

@@ -18,7 +18,7 @@ MOST_WIDENING_PX: Final = 0.5
 # Smaller displacements of the masks cost less than 0.05 dB.
 MATTERS_PX: Final = 0.02
 # Step of numerical derivatives: this displacement at the picture's corner.
-_STEP_PX: Final = 0.1
+STEP_PX: Final = 0.1
 # A parameter is let in if it differs from its default by so many standard errors: the rest of the model is not exact.
 _SIGNIFICANT: Final = 5.0
 # Fewer for the parameters of light, whose standard errors already include the bias by the scene.
@@ -63,7 +63,7 @@ class Parameter:
 
     def step_at(self, corner_px: float, reading: float) -> float:
         """Return the step of numerical derivatives, for a corner at this distance and this mean reading."""
-        return self._scaled(_STEP_PX, self.step, corner_px, reading)
+        return self._scaled(STEP_PX, self.step, corner_px, reading)
 
     def least_at(self, corner_px: float, reading: float) -> float:
         """Return the smallest value that matters, likewise."""

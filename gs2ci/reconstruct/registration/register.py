@@ -65,10 +65,12 @@ class RegistrationSettings(Bounded):
     Args:
         mode: "auto" corrects what the measurement surely shows; "off" uses masks and readings as stated.
         most_shift_px: Largest shift that is searched for.
+        restores: Whether masks of open and closed elements that are stated soft or with noise are restored (`sharpen`).
     """
 
     mode: RegistrationMode = "auto"
     most_shift_px: Annotated[int, Field(ge=0, le=1024)] = 64
+    restores: bool = True
 
 
 @dataclass(frozen=True)
@@ -293,7 +295,7 @@ class _Registration:
         for estimate in proposed:
             tried |= beside(estimate, ())
         proposals = [way for estimate in proposed for way in ways_of(self.shot, estimate)]
-        for source in sources(self.shot.masks) if peak.is_sure else ():
+        for source in sources(self.shot.masks) if peak.is_sure and self.settings.restores else ():
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
             again, _ = propose(replace(self.shot, masks=source.masks), peak, edges=False)
             estimates = again or [MisfitEstimate(Misfit(), {})]

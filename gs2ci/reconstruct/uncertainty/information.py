@@ -22,6 +22,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
+from gs2ci.reconstruct.fit.optimiser.poses import LEAST_EXTENT
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 Numbers = NDArray[np.int64]
@@ -37,8 +38,6 @@ _LEAST_SIDE_PX: Final = 3.0
 # long, nor by more than a tenth of a radian. Only directions that no reading shows at all meet these bounds.
 _DEPTH_PRIOR: Final = 0.5
 _TURN_PRIOR: Final = 0.1
-# A camera that does not move is given this share of the scene's depth for a path.
-_LEAST_EXTENT: Final = 0.02
 _HELD: Final = 1e-3
 # Points behind a camera's plane are put just before it.
 _AHEAD: Final = 1e-9
@@ -98,7 +97,7 @@ def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] 
     rows, share = _lattice(height, width, _MOST_READINGS)
     by_pose, by_depth = _derivatives(seen, reference, cells, number, rows)
     centres = camera_centres(seen.world_to_camera)
-    extent = max(float(np.linalg.norm(np.ptp(centres, axis=0))), _LEAST_EXTENT * _middle_depth(seen))
+    extent = max(float(np.linalg.norm(np.ptp(centres, axis=0))), LEAST_EXTENT * _middle_depth(seen))
     position, turn = (extent, _TURN_PRIOR) if errors is None else errors
     prior = np.tile([position] * 3 + [turn] * 3, count)
     # The reference camera does not move: the world is its own.

@@ -95,6 +95,33 @@ def test_without_noise_and_errors_the_axis_is_exact(known):
     assert found.backlash_mm.value == pytest.approx(0, abs=1e-6)
     assert found.speed_error.value == pytest.approx(ideal.speed_error, abs=1e-6)
     assert found.direction_error_deg >= 0
+    assert found.sweep_lag_s.value == pytest.approx(0, abs=1e-5)
+
+
+def test_a_position_that_is_counted_late_is_known_to_its_standard_error(known):
+    camera, stage = known
+    late = stage(backlash_mm=0.0, repeatability_mm=0.0)
+    sweep = [replace(picture, position_mm=picture.position_mm - 0.5) for picture in late.sweep()]
+    lag = estimate_stage(late.pictures(), sweep, camera)["x"].sweep_lag_s
+    assert abs(lag.value - 0.05) < 3 * lag.standard_error
+    assert lag.standard_error < 0.002
+
+
+def test_the_standard_error_of_a_scatter_is_that_of_as_many_returns(known):
+    camera, stage = known
+    found = estimate_stage(stage(repeatability_mm=0.02, noise_px=0.002).pictures(visits=3), [], camera)[
+        "x"
+    ].repeatability_mm
+    # Of each of seven targets from two sides, three visits have two degrees of freedom.
+    assert found.standard_error == pytest.approx(found.value / np.sqrt(2 * 28), rel=0.1)
+
+
+def test_a_direction_and_its_errors_do_not_depend_on_how_far_the_axis_goes(known):
+    camera, stage = known
+    found = estimate_stage(stage().pictures(), [], camera)["x"]
+    farther = replace(found, per_mm=2 * found.per_mm, covariance=4 * found.covariance)
+    assert farther.direction_errors == pytest.approx(found.direction_errors)
+    assert farther.direction_error_deg == pytest.approx(found.direction_error_deg)
 
 
 def test_two_axes_are_told_apart(known):

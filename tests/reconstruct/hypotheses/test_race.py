@@ -26,7 +26,9 @@ from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 
 LONG = 400
-QUIET, LOUD = LeftByMotion(0.0, 0.0, None), LeftByMotion(0.2, 0.5, None)
+QUIET, LOUD = LeftByMotion(0.0, 0.0, np.zeros((4, 4, 2))), LeftByMotion(0.2, 0.5, np.ones((4, 4, 2)))
+# One block of 16 px, of the first thing's side of the picture, moves.
+ONE_MOVES = LeftByMotion(0.0, 0.06, np.where(np.arange(16).reshape(4, 4, 1) == 4, 1.0, 0.0) * np.ones(2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +80,16 @@ class Fits:
     occluded: dict = field(default_factory=dict)
     tries_orders: bool = True
     scatter: float = 0.0
+    things: int = 2
 
     def __post_init__(self):
         # Squares at eight held-out pixels; differences between two of them scatter alike.
         factors = 1 + self.scatter * np.array([-1, 1] * 4)
         self.holdout = SimpleNamespace(
-            residual_rms=float, seen=None, squared_residuals=lambda views: factors * float(views) ** 2
+            residual_rms=float,
+            seen=None,
+            squared_residuals=lambda views: factors * float(views) ** 2,
+            shot=SimpleNamespace(size=(64, 64)),
         )
         self.refine, self.progress, self.halt, self.lens, self.mask_moments = (
             (lambda v: v),
@@ -107,9 +113,11 @@ class Fits:
     def order_of(self, look):
         return look, OrderFound(DepthOrder.OPEN, 0.3) if self.leaves.get("opens") else OrderFound()
 
-    def occlusion(self, fit, views):
-        share = self.occluded.get(float(fit.views), 0.0)
-        return Occlusion(np.full((4, 4), share / 16), 1.0)
+    def occlusion(self, fit, shown):
+        """As many things side by side as are asked for, which the views of either fit show alike."""
+        evidence = np.zeros((8, 8))
+        evidence[:, : 3 * self.things : 3] = self.occluded.get(float(fit.views), 0.0) / (8 * self.things)
+        return [Occlusion(evidence, 1.0)] * len(shown)
 
     def mean(self, fits):
         self.averaged = fits
@@ -125,9 +133,21 @@ def first():
     return FirstLook(None, np.float64(0.10), geometry, None)
 
 
-def run(monkeypatch, first, leaves, order=None, *, left=QUIET, settings=None, occluded=None, further=0.1, scatter=0.0):
+def run(
+    monkeypatch,
+    first,
+    leaves,
+    order=None,
+    *,
+    left=QUIET,
+    settings=None,
+    occluded=None,
+    further=0.1,
+    scatter=0.0,
+    things=2,
+):
     """Race from a first look; return the result, and how many iterations each hypothesis got."""
-    fits = Fits(leaves, settings or Settings(), occluded or {}, scatter=scatter)
+    fits = Fits(leaves, settings or Settings(), occluded or {}, scatter=scatter, things=things)
     again = "second look" in leaves
     found = replace(first, geometry=replace(first.geometry, verdict="full", path_error_expected=0.01))
     monkeypatch.setattr(race, "second_look", lambda *_: found if again else None)
@@ -232,6 +252,24 @@ def test_what_hides_what_tells_two_orders_apart(monkeypatch, first, kept, turned
     assert [one.hypothesis.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
     assert raced.order.state == state
     assert [fit.beside for fit in raced.fits] == [False, True][: len(raced.fits)]
+
+
+@pytest.mark.parametrize(
+    ("things", "left", "motion", "state"),
+    [
+        (1, QUIET, "auto", DepthOrder.LIKELY),
+        (1, ONE_MOVES, "auto", DepthOrder.OPEN),
+        (2, ONE_MOVES, "auto", DepthOrder.LIKELY),
+        (3, ONE_MOVES, "auto", DepthOrder.SHOWN),
+        (2, ONE_MOVES, "off", DepthOrder.SHOWN),
+    ],
+)
+def test_a_single_thing_does_not_show_an_order_nor_one_that_moves(monkeypatch, first, things, left, motion, state):
+    occluded, settings = {0.03: 0.001, 0.031: 0.02}, Settings(motion=motion)
+    leaves = {FIRST: 0.03, TURNED: 0.031}
+    raced, _ = run(monkeypatch, first, leaves, OPEN, occluded=occluded, left=left, settings=settings, things=things)
+    assert raced.order.state == state
+    assert bool(raced.fits[0].views == 0.03) == (state == DepthOrder.OPEN)
 
 
 def test_fits_that_differ_by_more_than_their_order_tell_nothing_of_it(monkeypatch, first):

@@ -187,6 +187,15 @@ def test_masks_stated_softer_than_they_were_are_sharpened(bench, sigma_px):
     assert np.abs(found.shot.masks - bench.masks).mean() < 0.02
 
 
+def test_masks_are_not_restored_where_that_is_left_out(bench):
+    shot = bench.shoot(stated=blurred(bench.masks, 1.0).astype(np.float32))
+    off = [
+        np.abs(register(shot, one).shot.masks - bench.masks).mean()
+        for one in (None, RegistrationSettings(restores=False))
+    ]
+    assert off[1] > 2 * off[0]
+
+
 def test_masks_that_are_too_soft_to_tell_what_they_were_are_said_to_be(bench):
     noise = np.random.default_rng(2).normal(0, 1e-3, bench.masks.shape)
     stated = np.clip(blurred(bench.masks, 2.0) + noise, 0, 1).astype(np.float32)

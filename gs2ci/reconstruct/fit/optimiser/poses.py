@@ -25,7 +25,7 @@ of the camera positions and scales them into a cube of side two, so that the lar
 
 # A floor for cameras that hardly move: depths are about one (`geometry` normalises them), so this is 2 % of the depth.
 # Without it nothing could move along a ray when the path is short.
-_LEAST_EXTENT = 0.02
+LEAST_EXTENT = 0.02
 # The first steps of given poses, in their standard errors.
 _STEP_IN_ERRORS = 0.2
 
@@ -58,7 +58,7 @@ class PoseSettings:
 def path_extent(world_to_camera: F64) -> float:
     """Return the diameter of a camera path, [N, 4, 4], with a floor for a camera that hardly moves."""
     centres = camera_centres(world_to_camera)
-    return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), _LEAST_EXTENT)
+    return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), LEAST_EXTENT)
 
 
 def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
@@ -68,7 +68,7 @@ def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
     if unit == "path diameter":
         return path_extent(world_to_camera)
     centres = camera_centres(world_to_camera)
-    return max(float(np.abs(centres - centres.mean(axis=0)).max()), _LEAST_EXTENT / 2)
+    return max(float(np.abs(centres - centres.mean(axis=0)).max()), LEAST_EXTENT / 2)
 
 
 class PoseCorrections:

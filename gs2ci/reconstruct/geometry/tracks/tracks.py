@@ -14,9 +14,8 @@ from pydantic import AfterValidator, Field
 from gs2ci.core.arrays import F32, F64, U8, Bool
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.reconstruct.geometry.tracks.brightened import brightened
+from gs2ci.reconstruct.measurement.lens import CENTRE_OFFSET
 
-# OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
-_CENTRE_OFFSET = 0.5
 # Decoded views contain pixel-sized residue of the masks; this blur removes it and preserves corners.
 RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
@@ -90,7 +89,7 @@ def find_corners(views: F32, reference: int, settings: TrackSettings | None = No
     corners = cv2.goodFeaturesToTrack(image, settings.corners, settings.quality, settings.spacing_px)
     if corners is None:  # a view without any texture
         return np.empty((0, 2))
-    detected: F64 = corners.reshape(-1, 2).astype(np.float64) + _CENTRE_OFFSET
+    detected: F64 = corners.reshape(-1, 2).astype(np.float64) + CENTRE_OFFSET
     return detected
 
 
@@ -137,17 +136,17 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
     positions = np.full(predicted.shape, np.nan)
     positions[:, reference] = predicted[:, reference]
     images = grey_levels(views)
-    start = (predicted[:, reference] - _CENTRE_OFFSET).astype(np.float32)
+    start = (predicted[:, reference] - CENTRE_OFFSET).astype(np.float32)
     for i in range(len(views)):
         if i == reference or not len(start):
             continue
-        guess = (predicted[:, i] - _CENTRE_OFFSET).astype(np.float32)
+        guess = (predicted[:, i] - CENTRE_OFFSET).astype(np.float32)
         there, again = (images[reference], images[i]), (images[i], images[reference])
         found, ok = _flow(*there, start, settings.window_px, guess, pyramid_levels=0)
         back, ok_back = _flow(*again, found, settings.window_px, start + (found - guess), pyramid_levels=0)
         ok &= ok_back & (np.linalg.norm(back - start, axis=1) < settings.forward_backward_px)
         ok &= (np.linalg.norm(found - guess, axis=1) < _DRIFT_LIMIT_PX) & _inside(found, images[i])
-        positions[ok, i] = found[ok] + _CENTRE_OFFSET
+        positions[ok, i] = found[ok] + CENTRE_OFFSET
     return Tracks(positions, reference)
 
 
@@ -161,7 +160,7 @@ def within(tracks: Tracks, shown: Bool) -> Tracks:
 
 def _follow(images: list[U8], reference: int, order: range, positions: F64, settings: TrackSettings) -> None:
     """Fill `positions` of the views in `order`, each reached from the one before."""
-    start = (positions[:, reference] - _CENTRE_OFFSET).astype(np.float32)
+    start = (positions[:, reference] - CENTRE_OFFSET).astype(np.float32)
     previous, points, alive = reference, start, np.ones(len(start), np.bool_)
     for i in order:
         ahead, found = _flow(images[previous], images[i], points, settings.window_px)
@@ -172,7 +171,7 @@ def _follow(images: list[U8], reference: int, order: range, positions: F64, sett
         agree = found_direct & (np.linalg.norm(direct - ahead, axis=1) < _DRIFT_LIMIT_PX)
         points = np.where(agree[:, None], direct, ahead)
         alive &= _inside(points, images[i])
-        positions[alive, i] = points[alive] + _CENTRE_OFFSET
+        positions[alive, i] = points[alive] + CENTRE_OFFSET
         previous = i
 
 

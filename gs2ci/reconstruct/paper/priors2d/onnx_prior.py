@@ -14,11 +14,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import SIDE_MULTIPLE, fixed_side, open_model, run_model, signature
 from gs2ci.reconstruct.paper.priors2d.base import Question, check_targets
 
-# A latent diffusion model's encoder halves its images three times.
-_SIDE_MULTIPLE: Final = 8
 _CALLED: Final = "images [B, 3, H, W] float32 in [-1, 1], then, if at all, a seed: [] or [1] int64"
 
 
@@ -81,7 +79,7 @@ class OnnxPrior:
                 f"{self.name} takes images of {sides[0]} x {sides[1]} pixels, not of {had[0]} x {had[1]}",
                 remedy="export the model with dynamic height and width",
             )
-        wanted = [side or -(-size // _SIDE_MULTIPLE) * _SIDE_MULTIPLE for side, size in zip(sides, had, strict=True)]
+        wanted = [side or -(-size // SIDE_MULTIPLE) * SIDE_MULTIPLE for side, size in zip(sides, had, strict=True)]
         rows, columns = wanted[0] - had[0], wanted[1] - had[1]
         return np.pad(images, ((0, 0), (0, 0), (0, rows), (0, columns)), mode="symmetric")
 
