@@ -96,7 +96,7 @@ def test_in_a_hurry_the_measurement_is_decoded_once_more_and_no_oftener(monkeypa
     first = look_at(truth)
 
     def noted(shot, *how, **more):
-        decoded.append(shot)
+        decoded.append(shot[0])
         return gap_tv(shot, *how, **more)
 
     monkeypatch.setattr("gs2ci.reconstruct.fusion.gap_tv", noted)
