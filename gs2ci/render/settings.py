@@ -27,11 +27,8 @@ class RasterSettings(Bounded):
             renderings of one population and reused by those between. 1 reuses nothing.
         list_margin_px: If lists are reused, they are made with footprints widened by this on all sides. A wider margin
             costs time; if a Gaussian moves or grows further, parts of it are missing until the next lists.
-        least_weight: Gradients, not pictures, leave out Gaussians whose blending weight is below this in all of a group
-            of neighbouring pixels (on the CPU).
     """
 
     termination_transmittance: Annotated[float, Field(ge=0, lt=1)] = TERMINATION_TRANSMITTANCE
     relist_every: PositiveInt = 1
     list_margin_px: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_PX)] = 1.0
-    least_weight: Annotated[float, Field(ge=0, lt=1)] = 0.0

@@ -5,7 +5,7 @@
 Rooms of seven tilted rectangles and two boxes, 72 × 96 px, eight views an exposure, random masks, a quarter open, poses
 reported by a stage without error (`tests/exposed_rooms.py`: rendered by the solver's renderer, without a light path).
 Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three,
-`GS2CI_PARTS=repeats,determined,adjacent` some of the parts.
+`GS2CI_PARTS=repeats,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of repeats.
 
 Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in each reading; 1, 2, 4 and 8 exposures. The
 last columns are scenes fitted to eight full views instead, read with the same noise: each exposed for one of the eight
@@ -59,7 +59,7 @@ from gs2ci_sims.scene import Scene
 from tests.exposed_rooms import VIEWS, adjacent, between, camera, line, repeated, room, seen
 
 SIZE = (72, 96)
-COUNTS = (1, 2, 4, 8)
+COUNTS = tuple(int(count) for count in os.environ.get("GS2CI_COUNTS", "1,2,4,8").split(","))
 DETERMINED = (1, 2, 4, 6, 8, 10, 12, 16)
 NOISE = 0.05
 HEADER = "adjacent paths: views, between dB; nATE; depth mean, median; at edges, seen by one path, elsewhere; seconds"

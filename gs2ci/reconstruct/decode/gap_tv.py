@@ -88,8 +88,9 @@ def decode_signed(
     Arguments, errors and shape as for `gap_tv`; the values are not clipped, unless the settings say so.
     """
     settings = (settings or GapTvSettings()).check()
-    if isinstance(shot, Shot) and progress is None and shot.channels > 1 and shot.masks.nbytes > _LARGE_BYTES:
-        return _by_channel(shot, settings, noise)
+    alone = shot if isinstance(shot, Shot) else shot[0] if len(shot) == 1 else None
+    if alone is not None and progress is None and alone.channels > 1 and alone.masks.nbytes > _LARGE_BYTES:
+        return _by_channel(alone, settings, noise)
     # The weight stays the same in all iterations: the denoiser's sigma is used as the weight itself.
     schedule = PlugAndPlaySettings(sigmas=(settings.weight,), iterations=settings.iterations)
     denoiser: Denoiser = TotalVariation(weight_per_sigma=1.0, inner=settings.inner, coupling=settings.coupling)

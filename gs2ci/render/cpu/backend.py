@@ -111,15 +111,7 @@ class CpuBackend:
         inputs = _inputs(scene, scene.means, world_to_camera, camera)
         lease = self._pool.lease()
         assert lease.workspace is not None
-        settings = self._settings
-        rendered = render_cells(
-            inputs,
-            target.layout,
-            settings.termination_transmittance,
-            lease.workspace,
-            kept,
-            settings.least_weight,
-        )
+        rendered = render_cells(inputs, target.layout, self._settings.termination_transmittance, lease.workspace, kept)
         image = target.collect(rendered.cells)[0].numpy()
 
         def pull(gradient: F32) -> F32:
@@ -248,8 +240,7 @@ class CpuBackend:
             *(_means(scene, times), scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),
         )
-        settings = self._settings
-        job = Job(target, camera, settings.termination_transmittance, self._pool, screen, reuse, settings.least_weight)
+        job = Job(target, camera, self._settings.termination_transmittance, self._pool, screen, reuse)
         # Converted outside the function, so that float64 poses get float64 gradients.
         outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
         return outputs

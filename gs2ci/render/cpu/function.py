@@ -103,7 +103,6 @@ class Job:
     pool: Pool
     screen: ScreenStatistics | None = None
     reuse: CpuReuse | None = None
-    least: float = 0.0
 
 
 def as_float32(tensor: Tensor) -> F32:
@@ -126,7 +125,7 @@ class Rasterise(torch.autograd.Function):
         inputs = _inputs(job, parameters)
         lease = job.pool.lease()
         assert lease.workspace is not None
-        rendered = render_cells(inputs, job.target.layout, job.termination, lease.workspace, job.reuse, job.least)
+        rendered = render_cells(inputs, job.target.layout, job.termination, lease.workspace, job.reuse)
         outputs = job.target.collect(rendered.cells)
         # Saving the inputs lets torch notice if one is overwritten before the backward pass reads it again.
         ctx.save_for_backward(*parameters)

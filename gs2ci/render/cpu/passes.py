@@ -24,8 +24,6 @@ from gs2ci.render.simd.vector import LANES
 BACKWARD_TASKS_MIN: Final = 8
 """A few views are cut into bands until there are this many tasks. A constant, not the number of threads: bands
 decide the order of sums, and results must not depend on threads. Each band costs one more gradient record."""
-_TOUCHING: Final = 1e-30
-"""A weight that is lower comes from no pixel that a Gaussian touches, or from behind what lets no light through."""
 
 
 @dataclass(frozen=True)
@@ -106,17 +104,9 @@ def camera_fields(intrinsics: F64, height: int, width: int) -> F32:
 
 
 def render_cells(
-    inputs: Inputs,
-    layout: Layout,
-    termination: float,
-    workspace: Workspace,
-    reuse: CpuReuse | None = None,
-    least: float = 0.0,
+    inputs: Inputs, layout: Layout, termination: float, workspace: Workspace, reuse: CpuReuse | None = None
 ) -> Rendered:
-    """Render the open pixels of all views; lists of Gaussians are taken from `reuse`, if given.
-
-    The lists returned leave out what weighs less than `least` in every pixel of a cell, or nothing.
-    """
+    """Render the open pixels of all views; lists of Gaussians are taken from `reuse`, if given."""
     margin_px = 0.0 if reuse is None else reuse.margin_px
     records = workspace.get("records", (layout.views, inputs.blocks * LANES * FIELDS))
     in_parts(project, tasks_for(inputs.blocks), *inputs.flat(), np.float32(margin_px), records.reshape(-1))
@@ -144,7 +134,6 @@ def render_cells(
         candidates.view_start,
         candidates.gaussians,
         np.float32(termination),
-        np.float32(max(least, _TOUCHING)),
         kept,
         touching,
         cells,

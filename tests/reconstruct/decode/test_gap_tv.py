@@ -200,6 +200,16 @@ def test_constant_measurements_give_finite_views_in_range(value):
     assert got.max() <= 1
 
 
+@pytest.mark.parametrize("weighed", [False, True], ids=["exact", "noise weighed"])
+@pytest.mark.parametrize("several", [False, True], ids=["a shot", "a list of one"])
+def test_channels_of_a_large_shot_are_decoded_one_by_one_to_the_same_bits(monkeypatch, weighed, several):
+    shot = shot_of(smooth_views(3, 20, 23, 3), random_masks(3, 20, 23))
+    noise = np.full(shot.measurement.shape, 1e-3, np.float32) if weighed else None
+    together = decode_signed(shot, noise=noise)
+    monkeypatch.setattr("gs2ci.reconstruct.decode.gap_tv._LARGE_BYTES", 0)
+    np.testing.assert_array_equal(decode_signed([shot] if several else shot, noise=noise), together)
+
+
 def test_saturated_pixels_count_for_nothing():
     views, masks = smooth_views(3, 24, 24, 1), random_masks(3, 24, 24)
     clean = shot_of(views, masks)
