@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gs2ci.batch.rows import Row
 
 
-@with_options_of(reconstruct, without=("shot", "budget", "together"))
+@with_options_of(reconstruct, without=("shot", "budget", "together", "unfinished"))
 def reconstruct_many(
     files: Sequence[str | Path],
     output: str | Path = "runs",

@@ -62,6 +62,7 @@ def reconstruct(
     motion: MotionMode | None = None,
     device: str = "auto",
     seed: int = 42,
+    unfinished: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Run:
     """Recover views, camera path and scene from one coded measurement.
@@ -126,6 +127,8 @@ def reconstruct(
         device: What renders: "cpu", "cuda" for the first CUDA device that works, "cuda:1" for one of several; "auto"
             takes a CUDA device that works, otherwise the CPU, and the run says what kept a card from being used.
         seed: Seed of every random draw; the same seed gives the same result.
+        unfinished: With `together`, a folder in which what is done is kept, so that the same call goes on after its
+            process was killed; `Run.save` removes it.
         progress: Receives stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
 
@@ -174,14 +177,17 @@ def reconstruct(
     budget_s = budget_seconds(budget, preset, overrides)
     if together and budget_s is not None:
         raise InputError("--together within a budget", allowed="a preset", remedy="leave out one of the two")
+    if unfinished is not None and not together:
+        raise InputError("a folder for an unfinished run of one exposure", allowed="one with together=True")
     settings, halt = settings_of(preset, overrides), Halt()
     within = None if budget_s is None else Budget(budget_s, began_s, overrides.on)
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         prepare_first_run(settings.backend, display)
         scores = [score_against_truth(one) for one in shots]
         if together:
-            joint = reconstruct_together(shots, settings, display, scores, halt)
-            return Run.of(joint.shot, joint.result, joint.scene)
+            kept = None if unfinished is None else Path(unfinished)
+            joint = reconstruct_together(shots, settings, display, scores, halt, kept)
+            return Run.of(joint.shot, joint.result, joint.scene, kept)
         found = pipeline.reconstruct(shots[0], settings, display, scores[0], within, halt)
     return Run.of(shots[0], found.result, found.scene)
 

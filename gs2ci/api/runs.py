@@ -75,10 +75,11 @@ class Run:
     result: RunResult | None = None
     shot: Shot | None = None
     _scene: "Gaussians | None" = field(default=None, repr=False)
+    _unfinished: Path | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, shot: Shot, result: RunResult, scene: "Gaussians") -> "Run":
-        """Make a run from the result of the pipeline."""
+    def of(cls, shot: Shot, result: RunResult, scene: "Gaussians", unfinished: Path | None = None) -> "Run":
+        """Make a run from the result of the pipeline; `unfinished` is what is kept until it is saved."""
         return cls(
             views=result.views,
             path=result.world_to_camera,
@@ -94,6 +95,7 @@ class Run:
             result=result,
             shot=shot,
             _scene=scene,
+            _unfinished=unfinished,
         )
 
     @cached_property
@@ -185,6 +187,10 @@ class Run:
         if self.result is not None and self.shot is not None:
             write_run(folder, self.shot, self.result, self.scene, overwrite=overwrite, moments=moments)
             object.__setattr__(self, "folder", folder)
+            if self._unfinished is not None:
+                from gs2ci.reconstruct.exposures.unfinished import remove
+
+                remove(self._unfinished)
             return folder
         if moments is not None:
             raise InputError("moments of a run that was read from a folder", remedy="reconstruct with --moments")

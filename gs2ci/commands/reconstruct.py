@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from gs2ci.core.records import Shot
 
 
-@with_options_of(reconstruction.reconstruct, without=("progress",))
+@with_options_of(reconstruction.reconstruct, without=("progress", "unfinished"))
 def run(
     shot: Annotated[Path, tyro.conf.Positional],
     /,
@@ -46,7 +46,8 @@ def run(
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
     Ctrl-C during the fit ends the fit: the folder is written with the best result so far and a note that says so, and
-    the exit status is 130. A second Ctrl-C, or one before the fit, writes nothing.
+    the exit status is 130. A second Ctrl-C, or one before the fit, writes nothing. A reconstruction with --together
+    keeps what is done beside the output; after a kill, or a failure, the same command goes on from there.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
@@ -85,9 +86,15 @@ def run(
     if isinstance(index, str) and not together:
         raise InputError(f"--index {index}", allowed="a whole number; a range only with --together")
     if together:
+        # Beside the folder to be written, which does not exist before all is done.
+        unfinished = output.absolute().parent / f".{output.absolute().name}.unfinished"
         return _write_run(
             lambda display: reconstruction.reconstruct(
-                chosen_exposures((shot, *more), index), together=True, progress=display, **overrides
+                chosen_exposures((shot, *more), index),
+                together=True,
+                unfinished=unfinished,
+                progress=display,
+                **overrides,
             ),
             output,
             overwrite=overwrite,

@@ -7,6 +7,7 @@ Here: the order of these. Not here: any of them.
 """
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -78,6 +79,42 @@ class Observed:
     fits: Fits
 
 
+@dataclass(frozen=True)
+class KeptObservation:
+    """What an observation has found, without what was given to it.
+
+    Args:
+        registered: As of `Observed`; likewise doubts, first and order.
+        doubts: Likewise.
+        first: Likewise.
+        order: Likewise.
+        mask_moments: The moments within each mask; None if one is enough.
+        seconds: Of its stages.
+    """
+
+    registered: Registered
+    doubts: tuple[Finding, ...]
+    first: FirstLook
+    order: OrderFound
+    mask_moments: MaskMoments | None
+    seconds: dict[str, float]
+
+    @classmethod
+    def of(cls, observed: Observed) -> Self:
+        """Return what was found."""
+        fits, first = observed.fits, observed.first
+        found = (observed.registered, observed.doubts, first, observed.order)
+        return cls(*found, fits.mask_moments, fits.clock.seconds())
+
+    def observed(self, shot: Shot, settings: Settings, progress: Progress, score: Score | None) -> Observed:
+        """Return the observation of a shot that found this; arguments as for `observe`, with which it was made."""
+        settings = replace(settings, mask_moments=settings.mask_moments.of(shot))
+        clock = Stopwatch.after(self.seconds)
+        fits = _fits(self.first, Lens.of(shot), settings, progress, clock, score, Halt())
+        fits = replace(fits, mask_moments=self.mask_moments)
+        return Observed(self.registered, self.doubts, self.first, self.order, fits)
+
+
 def observe(
     shot: Shot,
     settings: Settings,
@@ -105,7 +142,23 @@ def observe(
         # given.
         weighted = holdout if partly else first.holdout
         first = look_far_apart(first, weighted, lens, settings, progress, clock.lap) or first
-    fits = Fits(
+    fits = _fits(first, lens, settings, progress, clock, score, halt)
+    first, order = fits.order_of(first)
+    fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))
+    return Observed(registered, doubts, first, order, fits)
+
+
+def _fits(
+    first: FirstLook,
+    lens: Lens | None,
+    settings: Settings,
+    progress: Progress,
+    clock: Stopwatch,
+    score: Score | None,
+    halt: Halt,
+) -> Fits:
+    """Return what all fits of a measurement share, but for the moments within its masks."""
+    return Fits(
         holdout=first.holdout,
         fitted=Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels),
         lens=lens,
@@ -116,9 +169,6 @@ def observe(
         score=as_shown(score, first.brightness),
         halt=halt,
     )
-    first, order = fits.order_of(first)
-    fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))
-    return Observed(registered, doubts, first, order, fits)
 
 
 def as_shown(score: Score | None, light: Brightness) -> Score | None:

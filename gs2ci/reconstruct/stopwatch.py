@@ -1,6 +1,8 @@
 """How long each stage of a reconstruction takes, by the wall clock."""
 
 import time
+from collections.abc import Mapping
+from typing import Self
 
 
 class Stopwatch:
@@ -9,6 +11,14 @@ class Stopwatch:
     def __init__(self) -> None:
         self.began_s = self._lap_s = time.monotonic()
         self._stages: dict[str, float] = {}
+
+    @classmethod
+    def after(cls, seconds: Mapping[str, float]) -> Self:
+        """Return one that goes on from what another has counted (`seconds`)."""
+        watch = cls()
+        watch._stages = {stage: spent for stage, spent in seconds.items() if stage != "total"}
+        watch.began_s -= seconds.get("total", 0.0)
+        return watch
 
     def lap(self, stage: str) -> None:
         """Add the time since the last lap to a stage."""

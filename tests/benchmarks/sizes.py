@@ -26,7 +26,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
@@ -122,11 +122,11 @@ def resident_mib() -> float:
 
 
 @contextmanager
-def metered(meter: Meter) -> Iterator[None]:
-    """Count and sample until the end."""
+def metered(meter: Meter, stages: Sequence[tuple[str, Any, str]] = STAGES) -> Iterator[None]:
+    """Count and sample until the end; stages are names, and where the functions lie that are them."""
     stop = threading.Event()
     sampler = threading.Thread(target=meter.sample, args=(stop,), daemon=True)
-    patches = [patch.object(owner, name, meter.around(stage, getattr(owner, name))) for stage, owner, name in STAGES]
+    patches = [patch.object(owner, name, meter.around(stage, getattr(owner, name))) for stage, owner, name in stages]
     for each in patches:
         each.start()
     sampler.start()

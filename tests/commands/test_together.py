@@ -8,7 +8,7 @@ import pytest
 import gs2ci
 from gs2ci.commands import evaluate, reconstruct
 from gs2ci.commands.reconstruct import chosen_exposures
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
 from tests.exposed_rooms import adjacent, room
@@ -44,9 +44,40 @@ def test_the_run_folder_holds_the_views_of_all_exposures(folder, shots):
     page = (folder / "report.html").read_text()
     assert "from 2 exposures" in page
     assert "path 1" in page
+    assert "seen by it alone" in page
+    assert all(0 <= one.without.alone <= 1 for one in report.exposures)
     run = gs2ci.open_run(folder)
     assert run.views.shape == (16, *SIZE, 3)
     assert run.depth.shape == (16, *SIZE)
+
+
+@pytest.mark.slow
+def test_what_is_kept_meanwhile_is_gone_in_the_end(folder):
+    assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+
+
+@pytest.mark.slow
+def test_a_command_that_fails_in_the_end_goes_on_from_there(folder, files, tmp_path, monkeypatch, capsys):
+    output = tmp_path / "run"
+
+    def full(*_, **__):
+        raise StorageError("no room")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("gs2ci.evaluate.run_folder.write_run", full)
+        with pytest.raises(StorageError, match="no room"):
+            reconstruct.run(files[0], output, more=(files[1],), together=True, **QUICK)
+    assert [path.name for path in tmp_path.iterdir()] == [".run.unfinished"]
+    capsys.readouterr()
+    reconstruct.run(files[0], output, more=(files[1],), together=True, **QUICK)
+    assert "An unfinished run in" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert np.array_equal(gs2ci.open_run(output).views, gs2ci.open_run(folder).views)
+
+
+def test_one_exposure_is_never_unfinished(shots, tmp_path):
+    with pytest.raises(InputError, match="together=True"):
+        gs2ci.reconstruct(shots[0], unfinished=tmp_path / "kept")
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ RUN is the folder of the run, NEW_RUN one that does not exist yet.
 Not here: how steps look (`templates/pieces.html`), the possible findings and their remedies.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from gs2ci.core.findings import FAILURE, REMARK, Code
@@ -76,7 +76,16 @@ def next_steps(report: Report, most: int = MOST_STEPS) -> list[NextStep]:
     for rule in (simulation_was_coarse, still_improving, look_at_it):
         step = rule(report)
         steps += [] if step is None else [step]
+    if len(report.exposures) > 1:
+        steps = [replace(step, what=_of_all(step.what), command=_of_all(step.command)) for step in steps]
     return steps[:most]
+
+
+def _of_all(text: str) -> str:
+    """Return a text whose commands reconstruct several exposures together."""
+    return text.replace("gs2ci reconstruct SHOT.h5", "gs2ci reconstruct SHOTS.h5").replace(
+        "gs2ci reconstruct ", "gs2ci reconstruct --together "
+    )
 
 
 def simulation_was_coarse(report: Report) -> NextStep | None:
@@ -101,10 +110,12 @@ def still_improving(report: Report) -> NextStep | None:
         return None
     if looks.index(min(looks)) < len(looks) - FRESH_LOOKS:
         return None
+    # Several exposures together are given more iterations than were asked for (`exposures.schedule`).
+    more = 2 * round(report.curve[-1].iteration / max(1, len(report.exposures)) ** 0.5)
     return NextStep(
         report.stopped.code.remedy,
         "The residual on held-out pixels was still decreasing at the end.",
-        f"gs2ci reconstruct SHOT.h5 -o NEW_RUN --iterations {2 * report.curve[-1].iteration}",
+        f"gs2ci reconstruct SHOT.h5 -o NEW_RUN --iterations {more}",
     )
 
 

@@ -7,8 +7,10 @@ Here: the order of these, and the record of the whole. Not here: a single exposu
 exposures lie (`places`), the fit (`fit.coarse.stage`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -20,12 +22,15 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.summed import check_alike, summed
-from gs2ci.reconstruct.exposures.merging import merged
+from gs2ci.reconstruct.exposures import foreseen
+from gs2ci.reconstruct.exposures.merging import merged, side_by_side, with_what_each_gave
 from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.placing import first_of_all
 from gs2ci.reconstruct.exposures.repeats import decoded_together
+from gs2ci.reconstruct.exposures.resumed import kept_places, observations
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
+from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of, key_of_run
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
@@ -71,6 +76,7 @@ def reconstruct_together(
     progress: Progress | None = None,
     scores: Sequence[Score | None] | None = None,
     halt: Halt | None = None,
+    unfinished: Path | None = None,
 ) -> Joint:
     """Recover one scene, and the views and the path of each exposure, from several coded measurements of it.
 
@@ -80,12 +86,16 @@ def reconstruct_together(
         progress: Receives every stage and step.
         scores: Turn each one's views into a figure for the curve, in dB; they may know the truth.
         halt: A request to end early with the result so far; it can be made as soon as the fit has begun.
+        unfinished: A folder in which everything that is done is kept until the caller removes it; what it holds of an
+            earlier start with the same arguments is not done again. None: nothing is kept on the disk, and all
+            exposures lie in memory.
 
     Raises:
         InputError: The exposures are not of one camera, the settings let things move, or they name a CUDA device that
             cannot be used.
         ResourceError: The settings name a CUDA device that has too little memory.
         GeometryError: Nothing ties any two exposures to each other.
+        StorageError: The folder holds something else, or cannot be written.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
@@ -106,26 +116,34 @@ def reconstruct_together(
     for note in where_rendered.notes:
         progress.say(note.sentence)
     settings, clock = replace(settings, motion="off"), Stopwatch()
+    if len(shots) > 1:
+        progress.say(foreseen.said(shots))
+    kept = None
+    if unfinished is not None and len(shots) > 1:
+        kept = Unfinished(unfinished, key_of_run(shots, settings))
+        kept.begin(progress)
+        clock = Stopwatch.after({"total": kept.before_s})
     tools = Tools.load(settings)
+    keeping = None if kept is None else observations(kept, tools, progress)
     with working_on(tools.backend.device):
-        alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots)))
+        alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
         observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
-        where = places(observed)
+        where = places(observed) if kept is None else kept_places(kept, observed)
         for note in (*where.left_out, *where.notes):
             progress.say(note.sentence)
         clock.lap("geometry")
         halt.begin()
-        fits = _fitted(where.placed, settings, progress, halt, clock)
+        fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept)
         clock.lap("fit")
-        joint = _handed_over(where, fits, settings, progress, clock)
+        joint = _handed_over(where, fit, settings, progress, clock, None if halt.asked else kept)
     notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
 
 def _fitted(
-    placed: Sequence[PlacedExposure], settings: Settings, progress: Progress, halt: Halt, clock: Stopwatch
-) -> tuple[CoarseFit, ...]:
-    """Fit one scene to all exposures; return it as each of them sees it."""
+    placed: Sequence[PlacedExposure], settings: Settings, monitoring: Monitoring, kept: Unfinished | None
+) -> CoarseRun:
+    """Fit one scene to all exposures."""
     by_number = {one.of.number: one for one in placed}
     start = first_of_all(
         {number: one.start for number, one in by_number.items()},
@@ -136,58 +154,73 @@ def _fitted(
         start.scene,
         shared_schedule(settings.fit, len(placed), start.growth),
         settings.seed,
-        Monitoring(progress, clock.began_s, halt),
+        monitoring,
+        keeper=kept,
     )
     run.advance()
-    return run.results()
+    return run
 
 
 def _handed_over(
-    where: CommonPlaces, fits: Sequence[CoarseFit], settings: Settings, progress: Progress, clock: Stopwatch
+    where: CommonPlaces,
+    fit: CoarseRun,
+    settings: Settings,
+    progress: Progress,
+    clock: Stopwatch,
+    kept: Unfinished | None,
 ) -> Joint:
     """Make the views of each exposure that are delivered, and the record of all."""
     placed, left_out = where.placed, where.left_out
     progress.stage("views", len(placed))
-    given = _in_given_unit(placed, fits)
-    parts = []
-    for number, (one, fit) in enumerate(zip(placed, fits, strict=True)):
-        parts.append(_part(one, fit, given[number], settings, clock))
-        progress.step(number + 1)
+    given = _in_given_unit(placed, fit)
+
+    def made() -> Iterator[RunResult]:
+        for number, one in enumerate(placed):
+            make = partial(_part, one, fit, number, given[number], settings, clock)
+            yield make() if kept is None else kept.done(f"part-{number:03}", make, arrays_of(one.of.given))()
+            progress.step(number + 1)
+
+    parts = side_by_side(made(), sum(len(one.geometry.world_to_camera) for one in placed))
     clock.lap("views")
-    names = [one.of.name for one in placed]
+    names, shots = [one.of.name for one in placed], [one.of.shot for one in placed]
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     together = (finding(Code.EXPOSURES_TOGETHER, exposures=len(parts)),) if len(parts) > 1 else ()
-    result = merged(
-        parts,
-        names,
-        (*left_out, *where.notes, *together),
-        {**clock.seconds(), "decode": sum(_seconds(one) for one in placed)},
-    )
+    seconds = {**clock.seconds(), "decode": sum(one.seconds["decode"] for one in parts)}
+    result = merged(parts, names, (*left_out, *where.notes, *together), seconds)
+    result = with_what_each_gave(result, shots)
     if any(part.registered is not None for part in parts):
         # A camera matrix that was estimated is in the record, and belongs to no measurement.
-        registered = [replace(one.of.shot, intrinsics=one.of.given.intrinsics) for one in placed]
+        registered = [
+            replace(shot, intrinsics=one.of.given.intrinsics) for shot, one in zip(shots, placed, strict=True)
+        ]
         result = replace(result, registered=summed(registered, name))
     whole = summed([one.of.given for one in placed], name)
     return Joint(whole, result, given[0][1].scene, tuple(parts), left_out)
 
 
 def _part(
-    one: PlacedExposure, fit: CoarseFit, given: tuple[Geometry, CoarseFit], settings: Settings, clock: Stopwatch
+    one: PlacedExposure,
+    run: CoarseRun,
+    number: int,
+    given: tuple[Geometry, CoarseFit],
+    settings: Settings,
+    clock: Stopwatch,
 ) -> RunResult:
     """Return the record of one exposure.
 
     Args:
         one: The exposure.
-        fit: The common scene as it sees it.
-        given: Its path and the same fit in the unit of the given poses.
+        run: The fit of the common scene.
+        number: Of the exposure in the fit.
+        given: Its path and the common scene along it, in the unit of the given poses, without views.
         settings: Of the reconstruction.
         clock: Of the whole.
     """
-    observed, renderer = one.of.observed, one.renderer()
+    observed, fit = one.of.observed, run.result(number)
     first, fits = observed.first, observed.fits
-    ensemble = Ensemble(fit, fit.views)
+    ensemble, renderer = Ensemble(fit, fit.views), one.renderer(observed.fits)
     recovered = hand_over(first, ensemble, fits.refine, fits.settings, ()).in_the_middle(ensemble, renderer)
-    geometry, scaled = given
+    geometry, scaled = given[0], replace(given[1], views=fit.views)
     light = renderer.stopped_light(scaled.scene, scaled.world_to_camera)
     raced = Raced(first, first, geometry, (scaled,), Ensemble(scaled, scaled.views), observed.order, _STILL, ())
     left = Left(
@@ -210,19 +243,19 @@ def _part(
     return record(replace(settings, fits=1, seed=fits.settings.seed), left, fits.score, seconds)
 
 
-def _in_given_unit(
-    placed: Sequence[PlacedExposure], fits: Sequence[CoarseFit]
-) -> tuple[tuple[Geometry, CoarseFit], ...]:
-    """Return the first path and the fit of each exposure with lengths in the unit of the given poses, one for all."""
-    before = np.concatenate([one.geometry.world_to_camera for one in placed])
-    after = np.concatenate([fit.world_to_camera for fit in fits])
-    best = replace(fits[0], world_to_camera=after)
+def _in_given_unit(placed: Sequence[PlacedExposure], fit: CoarseRun) -> tuple[tuple[Geometry, CoarseFit], ...]:
+    """Return the first path of each exposure, and the fit along its path without views.
+
+    With lengths in the unit of the given poses, one for all.
+    """
+    before, paths = np.concatenate([one.geometry.world_to_camera for one in placed]), fit.paths()
+    best = replace(fit.result(), world_to_camera=np.concatenate(paths))
     unit = next((one.geometry.unit for one in placed if one.geometry.unit is not None), None)
     every = replace(placed[0].geometry, world_to_camera=before, unit=unit)
     whole, ensemble = in_given_unit(every, Ensemble(best, best.views))
-    scaled, found, at = ensemble.best, [], 0
-    for one, fit in zip(placed, fits, strict=True):
-        views = slice(at, at + len(fit.world_to_camera))
+    scaled, found, at = replace(ensemble.best, views=best.views[:0]), [], 0
+    for one, path in zip(placed, paths, strict=True):
+        views = slice(at, at + len(path))
         # Lengths of the first path and its depth are those of the common coordinates, or of the given unit.
         depth = one.geometry.inverse_depth / (whole.unit or 1.0)
         geometry = replace(
@@ -231,13 +264,10 @@ def _in_given_unit(
             inverse_depth=depth.astype(np.float32),
             unit=None if one.geometry.unit is None else whole.unit,
         )
-        found.append((geometry, replace(fit, scene=scaled.scene, world_to_camera=scaled.world_to_camera[views])))
+        matrix = one.geometry.intrinsics
+        found.append((geometry, replace(scaled, world_to_camera=scaled.world_to_camera[views], intrinsics=matrix)))
         at = views.stop
     return tuple(found)
-
-
-def _seconds(one: PlacedExposure) -> float:
-    return one.of.observed.fits.clock.seconds().get("decode", 0.0)
 
 
 _STILL: Final = MotionReport("off")

@@ -6,19 +6,47 @@ exposures (`reconstruct.record`), the sum of the measurements (`core.summed`).
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import joined
+from gs2ci.reconstruct.exposures.without_one import ViewsTogether, without_each
 
-_Number = TypeVar("_Number", np.float32, np.float64)
+_STACKED: Final = (
+    *("views", "scene_views", "decode", "exposed_views"),
+    *("depth", "depth_spread", "depth_confidence", "world_to_camera"),
+)
+
+
+def side_by_side(parts: Iterable[RunResult], views: int) -> list[RunResult]:
+    """Return the records of exposures with their arrays in those of all, one exposure after the other.
+
+    Args:
+        parts: Of each exposure; their own arrays are copied, and need not be in memory together.
+        views: How many there are of all exposures.
+    """
+    whole: dict[str, NDArray[Any]] = {}
+    found, at = [], 0
+    for part in parts:
+        end = at + len(part.views)
+        own: dict[str, Any] = {}
+        for name in _STACKED:
+            array = getattr(part, name)
+            if array is not None:
+                whole.setdefault(name, np.empty((views, *array.shape[1:]), array.dtype))[at:end] = array
+                own[name] = whole[name][at:end]
+        found.append(replace(part, **own))
+        at = end
+    return found
 
 
 def merged(
@@ -27,7 +55,7 @@ def merged(
     """Return the record of all exposures; that of one alone if there is only one.
 
     Args:
-        parts: Of each exposure, from one fit.
+        parts: Of each exposure, from one fit, `side_by_side`.
         names: Of the exposures.
         notes: Findings about all together.
         seconds: Wall-clock time of each stage, for all together.
@@ -36,13 +64,7 @@ def merged(
         return replace(parts[0], notes=(*notes, *parts[0].notes), seconds=dict(seconds)).check()
     first, sure = parts[0], [one.uncertainty for one in parts]
     return RunResult(
-        views=_together([one.views for one in parts]),
-        scene_views=_together([one.scene_views for one in parts]),
-        decode=_together([one.decode for one in parts]),
-        depth=_if_all([one.depth for one in parts]),
-        depth_spread=_if_all([one.depth_spread for one in parts]),
-        depth_confidence=_if_all([one.depth_confidence for one in parts]),
-        world_to_camera=_together([one.world_to_camera for one in parts]),
+        **{name: _whole([getattr(one, name) for one in parts]) for name in _STACKED if name != "exposed_views"},
         intrinsics=first.intrinsics,
         distortion=first.distortion,
         predicted_measurement=np.sum([one.predicted_measurement for one in parts], axis=0, dtype=np.float32),
@@ -75,6 +97,36 @@ def _summary(parts: Sequence[RunResult], number: int, name: str) -> ExposureSect
         path="" if one.geometry is None else one.geometry.method,
         moved=None if one.geometry is None else one.geometry.moved,
     )
+
+
+def with_what_each_gave(result: RunResult, shots: Sequence[Shot]) -> RunResult:
+    """Return the record of all exposures with what leaving each of them out would change, if it has depth.
+
+    Args:
+        result: From `merged`.
+        shots: The measurements, registered.
+    """
+    if result.depth is None or not result.exposures:
+        return result
+    told = [_about_colours(shot, one) for shot, one in zip(shots, result.exposures, strict=True)]
+    views = ViewsTogether(
+        result.depth,
+        result.world_to_camera,
+        result.intrinsics,
+        result.distortion,
+        np.concatenate(told),
+        np.repeat(np.arange(len(told)), [len(one) for one in told]),
+    )
+    each = zip(result.exposures, without_each(views), strict=True)
+    return replace(result, exposures=tuple(replace(one, without=without) for one, without in each))
+
+
+def _about_colours(shot: Shot, summary: ExposureSection) -> F64:
+    """Return the information of each view about a colour, [N]: mean square of its mask's light over that of errors."""
+    light = np.square(shot.weights.astype(np.float64)) * np.square(shot.masks).mean(axis=(1, 2), dtype=np.float64)
+    rms = summary.heldout_rms.of(summary.verdict)
+    found: F64 = light / rms**2 if rms else light
+    return found
 
 
 def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding, ...]:
@@ -110,15 +162,20 @@ def _brightness(parts: Sequence[RunResult]) -> list[float] | None:
 
 
 def _exposed(parts: Sequence[RunResult]) -> NDArray[np.float32] | None:
-    if all(one.exposed_views is None for one in parts):
+    given = [one.exposed_views for one in parts]
+    if all(one is None for one in given):
         return None
-    return _together([one.views if one.exposed_views is None else one.exposed_views for one in parts])
+    whole: NDArray[np.float32] | None = _whole(given)
+    if whole is not None:
+        return whole
+    return np.concatenate([one.views if one.exposed_views is None else one.exposed_views for one in parts])
 
 
-def _together(arrays: Sequence[NDArray[_Number]]) -> NDArray[_Number]:
-    return np.concatenate(arrays)
-
-
-def _if_all(arrays: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
-    known = [array for array in arrays if array is not None]
-    return np.concatenate(known) if len(known) == len(arrays) else None
+def _whole(arrays: Sequence[NDArray[Any] | None]) -> Any:
+    """Return the array of all exposures in which those of each lie; None unless there is one of each."""
+    first = arrays[0]
+    if first is None or any(array is None for array in arrays):
+        return None
+    if first.base is not None and len(first.base) == sum(len(array) for array in arrays if array is not None):
+        return first.base
+    return np.concatenate([array for array in arrays if array is not None])

@@ -4,8 +4,9 @@ Here: the record of an observed exposure, and how several are observed. Not here
 how exposures come into common coordinates (`placing`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.measurement.lens import straightened
 from gs2ci.reconstruct.observe import Observed, Tools, observe
 from gs2ci.reconstruct.settings import Settings
@@ -33,16 +35,22 @@ class ObservedExposure:
     Args:
         number: Its place among those given.
         name: Its name.
-        observed: The measurement, its decoded views, path and depth, in its own coordinates.
+        again: Returns the measurement, its decoded views, path and depth, in its own coordinates; from memory, or from
+            a disk that keeps them, so that only those in work take memory.
         given: The measurement as it was given.
         repeats: The number of the exposure whose path it repeats, its own for the first of such a group; None: of none.
     """
 
     number: int
     name: str
-    observed: Observed
+    again: Callable[[], Observed]
     given: Shot
     repeats: int | None = None
+
+    @property
+    def observed(self) -> Observed:
+        """Get the measurement, its decoded views, path and depth, in its own coordinates."""
+        return self.again()
 
     @property
     def geometry(self) -> Geometry:
@@ -56,8 +64,9 @@ class ObservedExposure:
 
     def untied(self) -> Untied:
         """Return what exposures without telemetry are tied by."""
-        views = straightened(self.observed.first.decoded, self.observed.fits.lens)
-        return Untied(self.name, np.clip(views, 0, 1).astype(np.float32, copy=False), self.geometry)
+        observed = self.observed
+        views = straightened(observed.first.decoded, observed.fits.lens)
+        return Untied(self.name, np.clip(views, 0, 1).astype(np.float32, copy=False), observed.first.geometry)
 
     def in_common(self, common_from_own: Similarity, geometry: Geometry | None = None) -> "PlacedExposure":
         """Return it in common coordinates, with its first Gaussians.
@@ -66,7 +75,8 @@ class ObservedExposure:
             common_from_own: The similarity from its own coordinates.
             geometry: A better path and depth in its own coordinates; None: as observed.
         """
-        fits, first = self.observed.fits, self.observed.first
+        observed = self.observed
+        fits, first = observed.fits, observed.first
         look = first if geometry is None else replace(first, geometry=geometry)
         geometry, start = fits.beginning(look, first.decoded)
         return PlacedExposure(self, placed(geometry, common_from_own), moved(start, common_from_own))
@@ -86,33 +96,54 @@ class PlacedExposure:
     geometry: Geometry
     start: Gaussians
 
-    def renderer(self) -> ShotRenderer:
-        """Return a renderer of its measurement."""
-        fits = self.of.observed.fits
+    def renderer(self, fits: Fits) -> ShotRenderer:
+        """Return a renderer of its measurement, of which `fits` are."""
         backend = load_backend(fits.settings.backend, fits.settings.raster)
         return ShotRenderer(fits.fitted.shot, self.geometry.intrinsics, backend, fits.lens, fits.mask_moments)
 
     def to_fit(self) -> FittedExposure:
         """Return what a fit is given for it."""
         fits = self.of.observed.fits
-        return FittedExposure(fits.fitted, self.renderer(), self.geometry, fits.refine.decode, fits.score)
+        return FittedExposure(fits.fitted, self.renderer(fits), self.geometry, fits.refine.decode, fits.score)
+
+
+def held(observed: Observed) -> Callable[[], Observed]:
+    """Return what returns an observation from memory."""
+    return lambda: observed
+
+
+class Keeping(Protocol):
+    """Keeps observations."""
+
+    def __call__(self, number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
+        """Observe an exposure, unless that is done; return what returns the observation."""
 
 
 def observe_all(
-    shots: Sequence[Shot], settings: Settings, tools: Tools, progress: Progress, scores: Sequence[Score | None]
+    shots: Sequence[Shot],
+    settings: Settings,
+    tools: Tools,
+    progress: Progress,
+    scores: Sequence[Score | None],
+    keeping: Keeping | None = None,
 ) -> Iterator[ObservedExposure]:
     """Observe exposures of one camera in turn; arguments and errors as of `joint.reconstruct_together`.
 
     Where the camera matrix is not known, that estimated for the first exposure is taken for all. Pixels are held out by
-    draws of each exposure's own, so that repeats of a path do not hold out the same.
+    draws of each exposure's own, so that repeats of a path do not hold out the same. `keeping` observes them and keeps
+    what was found; None: in memory.
     """
+
+    def in_memory(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
+        return held(observe(shot, settings, tools, progress, score, Halt(), None))
+
     intrinsics = shots[0].intrinsics
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
         own = replace(settings, seed=_seed(settings.seed, number))
         given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
-        observed = observe(given, own, tools, progress, score, Halt(), None)
+        observed = (keeping or in_memory)(number, given, own, score)
         if intrinsics is None:
-            intrinsics = observed.first.geometry.intrinsics
+            intrinsics = observed().first.geometry.intrinsics
         yield ObservedExposure(number, shot.name, observed, shot)
 
 

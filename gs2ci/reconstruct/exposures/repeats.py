@@ -22,7 +22,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.exposures.observing import ObservedExposure
+from gs2ci.reconstruct.exposures.observing import ObservedExposure, held
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
@@ -104,8 +104,9 @@ def groups(observed: Sequence[ObservedExposure]) -> list[list[ObservedExposure]]
     """
     found: list[list[ObservedExposure]] = []
     for one in observed:
+        other = one.observed.first
         for group in found:
-            brightness = repeats(group[0].observed.first, one.observed.first)
+            brightness = repeats(group[0].observed.first, other)
             if brightness is not None:
                 group.append(_relit(one, brightness))
                 break
@@ -230,14 +231,15 @@ def _relit(one: ObservedExposure, brightness: float) -> ObservedExposure:
     """Return an exposure whose masks weigh by so much more, and whose delivered views are so much brighter."""
     if brightness == 1.0:
         return one
-    first, fits = one.observed.first, one.observed.fits
+    observed = one.observed
+    first, fits = observed.first, observed.fits
     shot = first.holdout.shot
     known = np.ones(shot.views) if first.brightness.factors is None else first.brightness.factors
     holdout = Holdout(replace(shot, weights=(shot.weights * brightness).astype(np.float32)), first.holdout.pixels)
     lit = replace(first.brightness, factors=known * brightness)
     score = as_shown(fits.score, Brightness(None, np.full(shot.views, brightness), lit.as_seen))
     first = replace(first, holdout=holdout, decoded=(first.decoded / brightness).astype(np.float32), brightness=lit)
-    return replace(one, observed=replace(one.observed, first=first, fits=replace(fits, score=score)))
+    return replace(one, again=held(replace(observed, first=first, fits=replace(fits, score=score))))
 
 
 def _with_one_geometry(
@@ -257,12 +259,14 @@ def _with_one_geometry(
         geometry = look.geometry
     else:
         geometry = first.geometry
-    holdouts = [one.observed.first.holdout for one in group]
+    alone = [one.observed for one in group]
+    holdouts = [one.first.holdout for one in alone]
     found = []
-    for one, own in zip(group, holdouts, strict=True):
-        holdout = Holdout(own.shot, own.pixels, [other for other in holdouts if other is not own])
+    for one, own in zip(group, alone, strict=True):
+        others = [other for other in holdouts if other is not own.first.holdout]
+        holdout = Holdout(own.first.holdout.shot, own.first.holdout.pixels, others)
         look = replace(
-            one.observed.first,
+            own.first,
             holdout=holdout,
             decoded=decoded.views,
             geometry=geometry,
@@ -272,11 +276,11 @@ def _with_one_geometry(
             noise=decoded.noise,
         )
         of_fits = replace(
-            one.observed.fits,
+            own.fits,
             holdout=holdout,
-            fitted=Holdout(fill_holes(own.shot, decoded.views), own.pixels),
+            fitted=Holdout(fill_holes(holdout.shot, decoded.views), holdout.pixels),
             refine=Refinement(holdout, settings.residual),
         )
-        observed = replace(one.observed, first=look, order=order, fits=of_fits)
-        found.append(replace(one, observed=observed, repeats=group[0].number))
+        observed = replace(own, first=look, order=order, fits=of_fits)
+        found.append(replace(one, again=held(observed), repeats=group[0].number))
     return found

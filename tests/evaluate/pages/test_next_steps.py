@@ -73,6 +73,20 @@ def test_a_fit_that_stopped_by_itself_is_not_told_to_run_longer():
     assert module.still_improving(a_report(curve=[])) is None
 
 
+def test_steps_of_a_joint_run_reconstruct_all_exposures_together():
+    moved = None
+    one = {"name": "a", "first_view": 0, "views": 4, "verdict": "scene", "heldout_rms": {}, "path": "stage"}
+    exposures = [{**one, "heldout_rms": {"scene": 0.1, "decode": 0.2, "refined": 0.1}, "moved": moved}] * 4
+    doubt = finding(Code.DEPTH_ORDER_OPEN, **dict.fromkeys(Code.DEPTH_ORDER_OPEN.figures, 2))
+    joint = improving().model_copy(update={"exposures": a_report(exposures=exposures).exposures, "notes": [doubt]})
+    steps = next_steps(joint)
+    said = [step.command or step.what for step in steps if "gs2ci reconstruct" in step.command + step.what]
+    assert len(said) == 2
+    assert all("gs2ci reconstruct --together" in text for text in said)
+    # 500 iterations of four exposures were asked for as 250 of one.
+    assert "gs2ci reconstruct --together SHOTS.h5 -o NEW_RUN --iterations 500" in said
+
+
 def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():
     mean = {**LOOK, "iteration": 500, "heldout": 0.01}
     done = a_report(curve=[*GOOD["curve"], mean], stopped=finding(Code.FIT_ALL_DONE, iterations=500, best=300))

@@ -64,7 +64,17 @@ def test_each_exposure_shows_the_scene_as_its_own_part_of_the_record_does(togeth
     for part in together.parts:
         assert np.array_equal(part.views, together.result.views[at : at + 8])
         assert np.array_equal(part.depth, together.result.depth[at : at + 8])
+        # Not a second time in memory.
+        assert all(np.shares_memory(getattr(part, name), getattr(together.result, name)) for name in ("views", "depth"))
         at += 8
+
+
+@pytest.mark.slow
+def test_what_leaving_an_exposure_out_would_change_is_said(together):
+    first, middle, last = (one.without for one in together.result.exposures)
+    assert min(first.alone, last.alone) > 2 * middle.alone
+    assert min(first.depth_times, last.depth_times) > middle.depth_times > 1
+    assert all(1 < one.colour_times < 2 for one in (first, middle, last))
 
 
 @pytest.mark.slow

@@ -48,15 +48,18 @@ class ExposureState:
     Args:
         exposure: The exposure.
         settings: The schedule.
+        alone: Whether it is the only one. Otherwise its lists of Gaussians are not kept for its next iteration: the
+            others have moved the Gaussians by then, and all lists together would take more memory than anything else.
     """
 
-    def __init__(self, exposure: FittedExposure, settings: CoarseSettings) -> None:
+    def __init__(self, exposure: FittedExposure, settings: CoarseSettings, *, alone: bool) -> None:
         holdout, renderer, geometry = exposure.holdout, exposure.renderer, exposure.geometry
         self.exposure = exposure
         self.surfaces: Surfaces | None = None
         self._with_moments = renderer
         self.renderer = renderer.with_one_moment() if settings.mask_moments_from > 0 else renderer
-        self.reuse = self.renderer.reuse()
+        self._alone = alone
+        self.meet_others()
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
         shot, seen = holdout.shot, ~holdout.pixels
@@ -75,7 +78,7 @@ class ExposureState:
 
     def meet_others(self) -> None:
         """Discard what renderings of the same Gaussians share, since the Gaussians are new now."""
-        self.reuse = self.renderer.reuse()
+        self._reuse = self.renderer.reuse() if self._alone else None
 
     def backward(self, scene: Gaussians, screen: ScreenStatistics) -> tuple[float | Tensor, Tensor]:
         """Accumulate the gradients of the data term; return its value and the present poses, [N, 4, 4].
@@ -83,14 +86,14 @@ class ExposureState:
         The value is a tensor [] of a scene on a device, so that nothing has to wait for it here.
         """
         poses = self.poses.world_to_camera()
-        predicted, pull = self.renderer.measurement_with_pull(scene, poses, self.reuse, screen)
+        predicted, pull = self.renderer.measurement_with_pull(scene, poses, self._reuse, screen)
         loss, gradient = self._data_term.value_and_gradient(predicted)
         self.poses.pull(poses, pull(gradient))
         return loss, poses
 
     def dissimilarity(self, scene: Gaussians) -> Tensor:
         """Return the dissimilarity of the present prediction and the measurement, [H, W]."""
-        predicted, _ = self.renderer.measurement_with_pull(scene, self.poses.world_to_camera(), self.reuse)
+        predicted, _ = self.renderer.measurement_with_pull(scene, self.poses.world_to_camera(), self._reuse)
         return torch.as_tensor(self._data_term.dissimilarity(predicted))
 
     def path(self) -> F64:
@@ -108,8 +111,10 @@ class ExposureState:
         exposure = self.exposure
         return LookedAt(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
 
-    def find_surfaces(self, scene: Gaussians, settings: CoarseSettings, seed: int, search: Search) -> F32 | None:
-        """Search for surfaces in the views as they would be delivered; return these views if some were found.
+    def find_surfaces(
+        self, scene: Gaussians, settings: CoarseSettings, seed: int, search: Search
+    ) -> tuple[Surfaces | None, dict[int, F32]]:
+        """Search for surfaces in the views as they would be delivered; also return those views that show some.
 
         With their residual added, since depth swept in these is nearer the truth than that of the scene that they were
         rendered from (docs/decisions/surfaces.md).
@@ -121,8 +126,7 @@ class ExposureState:
             views += added
         del added  # as large as the views, and the search takes much itself
         found = find_surfaces(self.renderer, scene, poses, views, settings.surfaces, seed, search)
-        self.surfaces = found or self.surfaces
-        return None if found is None else views
+        return found, {} if found is None else {view: views[view].copy() for view in found.views}
 
 
 def _where_scenes_lie(term: DataTerm, device: torch.device) -> Term:

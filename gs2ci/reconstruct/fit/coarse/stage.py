@@ -9,8 +9,9 @@ Here: the loop, its bookkeeping, and the return to the last good state. Not here
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
@@ -19,6 +20,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.keeping import Keeper, KeptFit
 from gs2ci.reconstruct.fit.coarse.looks import Looks, Monitoring
 from gs2ci.reconstruct.fit.coarse.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
@@ -75,6 +77,7 @@ class CoarseRun:
         monitoring: What is called at looks and iterations, and what may interrupt.
         pace: Decides how many iterations there are, instead of the settings.
         outside: Which initial Gaussians lie beyond the borders of all views, in a fit that another has begun, [G] bool.
+        keeper: Keeps the fit of several exposures, and may have kept it before: then this one goes on from there.
 
     Raises:
         InputError: The settings make no sense.
@@ -89,15 +92,17 @@ class CoarseRun:
         monitoring: Monitoring,
         pace: Pace | None = None,
         outside: Tensor | None = None,
+        keeper: Keeper | None = None,
     ) -> None:
         settings.check()
         self._fit = FitState(exposures, start, settings, seed, outside)
         self._looks = Looks(monitoring.since_s)
         self._halt = monitoring.halt
-        self._results: tuple[CoarseFit, ...] = ()
+        self._results: dict[int, CoarseFit] = {}
+        self._end: CoarseFit | None = None
         pace = pace or Fixed(settings.iterations)
         judged = any(one.holdout.pixels.any() for one in exposures)
-        self._loop = _Loop(self._fit, self._looks, monitoring, pace, judged=judged)
+        self._loop = _Loop(self._fit, self._looks, monitoring, pace, keeper, judged=judged)
 
     @property
     def curve(self) -> tuple[CurvePoint, ...]:
@@ -137,61 +142,56 @@ class CoarseRun:
         """Get the Gaussians as they are now, on the host."""
         return self._fit.scene.map(Tensor.cpu)
 
-    def result(self) -> CoarseFit:
-        """Return the state with the smallest held-out residual, seen by the first exposure; a paused fit ends here."""
-        return self.results()[0]
+    def result(self, exposure: int = 0) -> CoarseFit:
+        """Return the state with the smallest held-out residual as an exposure sees it; a paused fit ends here.
+
+        All exposures share one scene; each has its own poses and views, which are rendered by this call.
+        """
+        fit = self._ended()
+        if exposure not in self._results:
+            one = self._fit.exposures[exposure]
+            own = (one.path(), one.views(self._fit.scene))
+            found = replace(fit, world_to_camera=own[0], views=own[1], intrinsics=one.exposure.geometry.intrinsics)
+            if len(self._fit.exposures) > 1:
+                return found
+            self._results[exposure] = found
+        return self._results[exposure]
 
     def results(self) -> tuple[CoarseFit, ...]:
-        """Return this state as each exposure sees it: one scene, the exposure's own poses and views."""
-        if not self._results:
-            self._results = self._ended()
-        return self._results
+        """Return that state as each exposure sees it."""
+        return tuple(self.result(exposure) for exposure in range(len(self._fit.exposures)))
 
-    def _ended(self) -> tuple[CoarseFit, ...]:
-        loop = self._loop
-        code = Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
-        stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
-        loop.stopped = stopped
-        self._fit.restore(loop.best)
-        scene = loop.best.scene.map(Tensor.cpu)
-        return tuple(
-            CoarseFit(
-                scene=scene,
-                world_to_camera=one.path(),
-                views=one.views(self._fit.scene),
+    def paths(self) -> tuple[F64, ...]:
+        """Return the poses of each exposure in that state, [N, 4, 4]; a paused fit ends here."""
+        self._ended()
+        return tuple(one.path() for one in self._fit.exposures)
+
+    def _ended(self) -> CoarseFit:
+        """Return that state without poses and views; all exposures have gone back to it."""
+        if self._end is None:
+            loop = self._loop
+            code = Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
+            loop.stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
+            self._fit.restore(loop.best)
+            self._end = CoarseFit(
+                scene=loop.best.scene.map(Tensor.cpu),
+                world_to_camera=np.empty((0, 4, 4)),
+                views=np.empty((0, 0, 0, 0), np.float32),
                 curve=self.curve,
-                stopped=stopped,
+                stopped=loop.stopped,
                 notes=tuple(loop.notes),
-                intrinsics=one.exposure.geometry.intrinsics,
+                intrinsics=np.eye(3),
                 outside=loop.best.outside,
             )
-            for one in self._fit.exposures
-        )
-
-
-def fit_coarse(
-    exposure: FittedExposure,
-    start: Gaussians,
-    settings: CoarseSettings,
-    seed: int,
-    monitoring: Monitoring,
-    pace: Pace | None = None,
-    outside: Tensor | None = None,
-) -> CoarseFit:
-    """Fit Gaussians and poses to one measurement without a pause; arguments and errors as for `CoarseRun`.
-
-    Returns:
-        The state with the smallest held-out residual.
-    """
-    run = CoarseRun([exposure], start, settings, seed, monitoring, pace, outside)
-    run.advance()
-    return run.result()
+        return self._end
 
 
 class _Loop:
     """The iterations: step, densify, look, stop; and the return to the best state when the fit diverges."""
 
-    def __init__(self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, *, judged: bool) -> None:
+    def __init__(
+        self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, keeper: Keeper | None, *, judged: bool
+    ) -> None:
         self.iteration = 0
         self.stopped: Finding | None = None
         self.fit = fit
@@ -207,12 +207,44 @@ class _Loop:
         self._rollbacks = 0
         self._first_loss: float | None = None
         self._least_loss = float("inf")
+        self._keeper = keeper
+        kept = None if keeper is None else keeper.kept()
+        if keeper is not None and kept is not None:
+            self._resume(kept, keeper)
+
+    def _keep(self) -> None:
+        """Keep the fit as it is between two iterations."""
+        if self._keeper is None:
+            return
+        kept = KeptFit(
+            self.fit.state(),
+            self.fit.kept(self.best),
+            self.iteration,
+            self.stopped,
+            tuple(self.notes),
+            tuple(self._looks.curve),
+            self._watch.state(),
+            self._damping,
+            self._rollbacks,
+            self._first_loss,
+            self._least_loss,
+        )
+        self._keeper.keep(kept)
+
+    def _resume(self, kept: KeptFit, keeper: Keeper) -> None:
+        self.fit.resume(kept.state, keeper)
+        self.best = self.fit.again(kept.best, keeper)
+        self.iteration, self.stopped, self.notes = kept.iteration, kept.stopped, list(kept.notes)
+        self._looks.curve[:] = kept.curve
+        self._watch.resume(kept.watch)
+        self._damping, self._rollbacks = kept.damping, kept.rollbacks
+        self._first_loss, self._least_loss = kept.first_loss, kept.least_loss
 
     def run(self, share: float, progress: Progress | None) -> None:
         """Iterate until this share of the schedule is done or the fit ends, and note why it ended."""
         self._progress = progress or self._progress
         total = self._pace.total(self.iteration)
-        if self.iteration == 0:
+        if self.iteration == 0 or self._keeper is not None:
             self._progress.stage("fit", total)
         while self.stopped is None and self.iteration < min(total, math.ceil(share * total)):
             before, total = total, self._iterate(total)
@@ -220,12 +252,18 @@ class _Loop:
                 self._progress.expect(total)
         if self.stopped is None and self.iteration >= total:
             self.stopped = self._all_done()
+        # What was asked to end early is no result for whoever gives the same command again.
+        if not self._halt.asked:
+            self._keep()
 
     def _iterate(self, total: int) -> int:
         """Make one iteration, or return to the best state if it must not be used; return the schedule's length."""
         iteration = self.iteration
+        # A search in many exposures takes long; each of them is kept as soon as it is done, for the state before it.
+        if self._keeper is not None and (self.fit.search_is_due(iteration / total) or self._keeper.is_due()):
+            self._keep()
         self.fit.split_masks(iteration / total)
-        if self.fit.find_surfaces(iteration / total):
+        if self.fit.find_surfaces(iteration / total, self._keeper, (iteration, self._rollbacks)):
             # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
             # one may predict the held-out pixels as well, but its depth is worse.
             self._watch.begin_again(iteration)

@@ -10,7 +10,7 @@ parts of a step (losses, optimiser, poses, density rules: one file each).
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,15 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse.exposure import ExposureState, FittedExposure
+from gs2ci.reconstruct.fit.coarse.keeping import (
+    Keeper,
+    KeptScene,
+    KeptSearch,
+    KeptState,
+    Snapshot,
+    kept_scene,
+    scene_again,
+)
 from gs2ci.reconstruct.fit.coarse.looks import LookedAt
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import change_among
@@ -33,23 +42,12 @@ from gs2ci.reconstruct.fit.scene.raster_order import raster_order
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSource, margin
-from gs2ci.reconstruct.fit.surfaces.surfaces import Search, Surfaces, pixel_rays
+from gs2ci.reconstruct.fit.surfaces.surfaces import Search, pixel_rays
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians, joined
+from gs2ci.render.screen import ScreenStatistics
 
 _ORDER_STREAM: Final = 0xE0  # makes the order of exposures independent of all other draws of the same seed
-
-
-@dataclass
-class Snapshot:
-    """A state to go back to; twists and surfaces are those of each exposure."""
-
-    scene: Gaussians
-    twists: tuple[Tensor, ...]
-    iteration: int
-    surfaces: tuple[Surfaces | None, ...]
-    outside: Tensor | None
-    searches: tuple[Search, ...]
 
 
 class FitState:
@@ -75,7 +73,7 @@ class FitState:
         geometry, size, alone = first.geometry, first.holdout.shot.size, len(exposures) == 1
         self._seed = seed
         self.settings = settings
-        self.exposures = tuple(ExposureState(one, settings) for one in exposures)
+        self.exposures = tuple(ExposureState(one, settings, alone=alone) for one in exposures)
         self._current = self.exposures[0]
         self._gather(len(start))
         # Without parallax, views show no depth.
@@ -186,21 +184,39 @@ class FitState:
         """Get whether masks get their moments only later."""
         return any(one.awaits_moments for one in self.exposures)
 
-    def find_surfaces(self, share: float) -> bool:
-        """Search for surfaces in each exposure if a search is due, and tell whether some were found now."""
+    def search_is_due(self, share: float) -> bool:
+        """Tell whether a search for surfaces is due after this share of the schedule."""
+        return bool(self._searches) and share >= self._searches[0].begins
+
+    def find_surfaces(self, share: float, keeper: Keeper | None, at: tuple[int, int]) -> bool:
+        """Search for surfaces in each exposure if a search is due, and tell whether some were found now.
+
+        Args:
+            share: Of the schedule that is done.
+            keeper: Keeps what is found in each exposure.
+            at: Iterations and rollbacks so far.
+        """
         settings = self.settings.surfaces
-        if settings is None or not self._searches or share < self._searches[0].begins:
+        if settings is None or not self.search_is_due(share):
             return False
-        search = self._searches.pop(0)
+        number, search = len(settings.searches) - len(self._searches), self._searches.pop(0)
         outwards = settings.margin if not self._searches else None
         scene = self.scene.detach()
         sources, before = [], 0
-        for number, one in enumerate(self.exposures):
-            views = one.find_surfaces(scene, self.settings, self._seed + number, search)
-            if views is not None and one.surfaces is not None:
-                found = one.surfaces
+        for exposure, one in enumerate(self.exposures):
+            kept = None if keeper is None else keeper.kept_search(number, exposure)
+            if kept is not None and kept.at == at:
+                found, shown = kept.surfaces, kept.shown
+                found = None if found is None else found.with_masks(one.renderer)
+            else:
+                found, shown = one.find_surfaces(scene, self.settings, self._seed + exposure, search)
+                if keeper is not None:
+                    bare = None if found is None else found.without_masks()
+                    keeper.keep_search(number, exposure, KeptSearch(at, bare, shown))
+            if found is not None:
+                one.surfaces = found
                 numbers = tuple(before + view for view in found.views)
-                shown = {before + view: views[view] for view in found.views} if outwards is not None else {}
+                shown = {before + view: seen for view, seen in shown.items()} if outwards is not None else {}
                 sources.append(MarginSource(numbers, shown, found.inverse_depth))
             before += len(one.path())
         if sources and outwards is not None:
@@ -299,6 +315,46 @@ class FitState:
         twists = tuple(one.poses.snapshot() for one in self.exposures)
         surfaces = tuple(one.surfaces for one in self.exposures)
         return Snapshot(copy, twists, iteration, surfaces, self._outside, tuple(self._searches))
+
+    def kept(self, state: Snapshot) -> KeptScene:
+        """Return a state for the disk."""
+        return kept_scene(state, self._all_searches)
+
+    def again(self, kept: KeptScene, keeper: Keeper) -> Snapshot:
+        """Return the state that was kept."""
+        renderers = [one.renderer for one in self.exposures]
+        return replace(scene_again(kept, self._all_searches, renderers, keeper), scene=self._there(kept.scene))
+
+    @property
+    def _all_searches(self) -> tuple[Search, ...]:
+        return () if self.settings.surfaces is None else self.settings.surfaces.searches
+
+    def state(self) -> KeptState:
+        """Return all that iterations change, on the host."""
+        now = self.snapshot(0)
+        screen = self._gathering.screen
+        return KeptState(
+            self.kept(now),
+            self.optimiser.state(),
+            tuple(one.poses.state() for one in self.exposures),
+            not self.awaits_moments,
+            (screen.gradient_sum, screen.sightings, screen.radius_px),
+            self.generator.get_state(),
+            self.cap if self._bounded else None,
+        )
+
+    def resume(self, kept: KeptState, keeper: Keeper) -> None:
+        """Go on from the state of another fit of the same exposures."""
+        if kept.split:
+            self.split_masks(1.0)
+        self.restore(self.again(kept.now, keeper))
+        self.optimiser.resume(self._there(kept.now.scene), kept.moments)
+        for one, poses in zip(self.exposures, kept.poses, strict=True):
+            one.poses.resume(poses)
+        self._gathering.screen = ScreenStatistics(*(one.to(self._device) for one in kept.screen))
+        self.generator.set_state(kept.generator)
+        if kept.bound is not None:
+            self.cap, self._bounded = kept.bound, True
 
     def restore(self, state: Snapshot) -> None:
         """Go back to a state; searches for surfaces that it had not made yet are due again, in its scene."""

@@ -61,6 +61,14 @@ class Watch:
         self._least, self._least_iteration = float("inf"), 0
         self._last = float("inf")
 
+    def state(self) -> dict[str, float]:
+        """Return what was followed so far, by name."""
+        return {name: value for name, value in vars(self).items() if name != "_settings"}
+
+    def resume(self, state: dict[str, float]) -> None:
+        """Go on from the state of another with the same settings."""
+        vars(self).update(state)
+
     def note(self, residual_rms: float | None, iteration: int) -> bool:
         """Record a look's residual; return True if it is the best so far (always, if no pixel is held out)."""
         if residual_rms is None:

@@ -5,6 +5,7 @@ torch's compiler, which takes three seconds of a run that may have eight. Not he
 are (`gaussians.py`, `poses.py`).
 """
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +22,20 @@ _SQUARE_DECAY: Final = 0.999
 _EPSILON: Final = 1e-15
 
 
+@dataclass(frozen=True, eq=False)
+class AdamState:
+    """The number of steps made, and the moments; None before the first."""
+
+    steps: int
+    mean: Tensor | None
+    square: Tensor | None
+
+    def on(self, device: torch.device) -> "AdamState":
+        """Return the same on a device."""
+        moments = (None if one is None else one.to(device) for one in (self.mean, self.square))
+        return AdamState(self.steps, *moments)
+
+
 class Adam:
     """The moments of one parameter's gradients."""
 
@@ -28,6 +43,14 @@ class Adam:
         self._steps = 0
         self._mean: Tensor | None = None
         self._square: Tensor | None = None
+
+    def state(self) -> AdamState:
+        """Return the moments as they are; the next step changes their numbers."""
+        return AdamState(self._steps, self._mean, self._square)
+
+    def resume(self, state: AdamState) -> None:
+        """Go on from the moments of another."""
+        self._steps, self._mean, self._square = state.steps, state.mean, state.square
 
     def step(self, parameter: Tensor, rate: float) -> None:
         """Move a parameter against its gradient, in place; without a gradient it stays.

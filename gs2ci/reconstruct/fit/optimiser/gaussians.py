@@ -4,14 +4,14 @@ Here: step sizes and their schedule, and the bookkeeping that keeps Adam's momen
 added or removed. Not here: which are added or removed (`density/`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.optimiser.adam import Adam
+from gs2ci.reconstruct.fit.optimiser.adam import Adam, AdamState
 from gs2ci.reconstruct.fit.optimiser.poses import LengthUnit
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView, ViewAdam, ViewSteps
 from gs2ci.render.gaussians import Gaussians, all_finite
@@ -221,6 +221,16 @@ class GaussianOptimiser:
         for name, adam in self._adam.items():
             adam.follow(source, forget=name in forget)
         self.scene = _leaves(scene)
+
+    def state(self) -> dict[str, AdamState]:
+        """Return the moments of each parameter; the next step changes their numbers."""
+        return {name: adam.state() for name, adam in self._adam.items()}
+
+    def resume(self, scene: Gaussians, moments: Mapping[str, AdamState]) -> None:
+        """Go on from the state of another."""
+        self.restore(scene)
+        for name, state in moments.items():
+            self._adam[name].resume(state.on(scene.means.device))
 
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""

@@ -14,7 +14,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.kernels.pose_kernels import correct_poses, twist_gradient
-from gs2ci.reconstruct.fit.optimiser.adam import Adam
+from gs2ci.reconstruct.fit.optimiser.adam import Adam, AdamState
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render.adjoint import Image
 from gs2ci.render.gaussians import all_finite
@@ -69,6 +69,16 @@ def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
         return path_extent(world_to_camera)
     centres = camera_centres(world_to_camera)
     return max(float(np.abs(centres - centres.mean(axis=0)).max()), LEAST_EXTENT / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class PosesState:
+    """Twists, [N, 6], their gradient so far, of how many iterations that is, and the moments of what came before."""
+
+    twists: Tensor
+    gradient: Tensor | None
+    accumulated: int
+    adam: AdamState | None
 
 
 class PoseCorrections:
@@ -162,6 +172,18 @@ class PoseCorrections:
     def snapshot(self) -> Tensor:
         """Return a copy of the twists, [N, 6]."""
         return self._twists.detach().clone()
+
+    def state(self) -> PosesState:
+        """Return the twists and what their next step follows from."""
+        adam = None if self._adam is None else self._adam.state()
+        return PosesState(self._twists.detach(), self._twists.grad, self._accumulated, adam)
+
+    def resume(self, state: PosesState) -> None:
+        """Go on from the state of another."""
+        self.restore(state.twists)
+        self._twists.grad, self._accumulated = state.gradient, state.accumulated
+        if self._adam is not None and state.adam is not None:
+            self._adam.resume(state.adam)
 
     def restore(self, twists: Tensor) -> None:
         """Go back to a snapshot, [N, 6]; the optimiser forgets its momentum, which led away from it."""

@@ -138,6 +138,14 @@ class Surfaces:
     rays: F32
     pixels: tuple["Pixels", ...]
 
+    def without_masks(self) -> "Surfaces":
+        """Return the same, without what `with_masks` prepares again."""
+        return replace(self, pixels=tuple(replace(one, mask_set=None) for one in self.pixels))
+
+    def with_masks(self, renderer: ShotRenderer) -> "Surfaces":
+        """Return the same, its pixels prepared for a renderer."""
+        return replace(self, pixels=tuple(_pixels(renderer, one.at, one.middle) for one in self.pixels))
+
     def exchanged(self, exchange: Exchange) -> "Surfaces":
         """Return the surfaces after path and scene have exchanged turning for travel."""
         moved = np.empty_like(self.inverse_depth)
@@ -190,6 +198,7 @@ class Surfaces:
         moments = means.new_empty(len(scene), 3)
         call(parallax_moments, means, ray, *at, middle, moments)
         shown = replace(scene, colours=moments, harmonics=None)
+        assert pixels.mask_set is not None
         image, pull = renderer.coded_with_pull(shown, pose[None], pixels.mask_set)
         shown_there = torch.as_tensor(image)
         gradient = torch.zeros_like(shown_there)
@@ -221,14 +230,20 @@ class Pixels:
     """The pixels of one view that the term uses.
 
     Args:
-        mask_set: As the renderer prepared it.
+        mask_set: As the renderer prepared it; None where it is kept on a disk.
         at: Flat indices, [P].
         middle: The median inverse depth of the surfaces there, when they were found.
     """
 
-    mask_set: MaskSet
+    mask_set: MaskSet | None
     at: NDArray[np.int64]
     middle: float
+
+
+def _pixels(renderer: ShotRenderer, at: NDArray[np.int64], middle: float) -> Pixels:
+    mask = torch.zeros(1, *renderer.size)
+    mask.view(-1)[torch.from_numpy(at)] = 1
+    return Pixels(renderer.code(mask), at, middle)
 
 
 def find_surfaces(
@@ -279,7 +294,7 @@ def find_surfaces(
     if not agreed.any():
         return None
     pixels = tuple(
-        Pixels(renderer.code(torch.from_numpy(mask[None]).float()), np.flatnonzero(mask), float(np.median(depth[mask])))
+        _pixels(renderer, np.flatnonzero(mask), float(np.median(depth[mask])))
         for mask, depth in zip(taken[agreed], inverse_depth[agreed], strict=True)
     )
     return Surfaces(

@@ -1,0 +1,57 @@
+"""Observations and places of exposures that an unfinished run keeps.
+
+Here: what of them is kept, and how they are made of it again. Not here: the files (`unfinished`), observing
+(`observing`), placing (`places`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from gs2ci.core.findings import Finding
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.exposures.observing import Keeping, ObservedExposure, PlacedExposure
+from gs2ci.reconstruct.exposures.places import CommonPlaces, places
+from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.observe import KeptObservation, Observed, Tools, observe
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.gaussians import Gaussians
+
+
+def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Keeping:
+    """Return what observes exposures that are not observed yet, and keeps what they show on the disk."""
+
+    def kept(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
+        def see() -> KeptObservation:
+            return KeptObservation.of(observe(shot, settings, tools, progress, score, Halt(), None))
+
+        read = unfinished.done(f"exposure-{number:03}", see, arrays_of(shot))
+        return lambda: read().observed(shot, settings, progress, score)
+
+    return kept
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """As `CommonPlaces`, with the number of each exposure, its geometry and its first Gaussians."""
+
+    placed: tuple[tuple[int, Geometry, Gaussians], ...]
+    left_out: tuple[Finding, ...]
+    notes: tuple[Finding, ...]
+
+
+def kept_places(unfinished: Unfinished, observed: Sequence[ObservedExposure]) -> CommonPlaces:
+    """Bring exposures into common coordinates, unless that is done; errors as of `places`."""
+
+    def place() -> _Places:
+        found = places(observed)
+        placed = tuple((one.of.number, one.geometry, one.start) for one in found.placed)
+        return _Places(placed, found.left_out, found.notes)
+
+    kept = unfinished.done("places", place)()
+    by_number = {one.number: one for one in observed}
+    placed = tuple(PlacedExposure(by_number[number], path, start) for number, path, start in kept.placed)
+    return CommonPlaces(placed, kept.left_out, kept.notes)
