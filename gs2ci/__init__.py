@@ -28,6 +28,7 @@ _DEFINED = {
     "gs2ci.api.costs": ("tradeoff",),
     "gs2ci.api.rigs": ("OpenRig", "find_devices", "open_rig"),
     "gs2ci.api.ophyd": ("ophyd_bench",),
+    "gs2ci.api.designing": ("design",),
     "gs2ci.api.plans": ("explain", "plan"),
     "gs2ci.api.sweeps": ("sweep",),
     "gs2ci.api.bundles": ("update_bundle",),

@@ -2,6 +2,7 @@ from gs2ci.api.bundles import update_bundle as update_bundle
 from gs2ci.api.costs import tradeoff as tradeoff
 from gs2ci.api.decoding import decode as decode
 from gs2ci.api.demonstration import demo_rig as demo_rig
+from gs2ci.api.designing import design as design
 from gs2ci.api.exports import export as export
 from gs2ci.api.exports import mesh as mesh
 from gs2ci.api.many import reconstruct_many as reconstruct_many
@@ -61,6 +62,7 @@ __all__ = [
     "compile_kernels",
     "decode",
     "demo_rig",
+    "design",
     "evaluate",
     "explain",
     "export",

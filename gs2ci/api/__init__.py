@@ -8,6 +8,7 @@
     scoring.py         evaluate, measure
     exports.py         export, mesh
     costs.py           tradeoff
+    designing.py       design
     rigs.py            OpenRig, open_rig, find_devices; live_page.py: LivePage
     plans.py           plan, demo's rig file; sweeps.py: sweep, plans along a figure of the rig
     models.py          add_model, export_model, list_models

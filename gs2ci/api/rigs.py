@@ -115,6 +115,7 @@ class OpenRig:
         self,
         *,
         shots: int | None = None,
+        seed: int | None = None,
         calibration: str | Path | None = None,
         probe: bool = False,
         progress: Progress | None = None,
@@ -123,6 +124,7 @@ class OpenRig:
 
         Args:
             shots: Number of shots, instead of the rig file's.
+            seed: Of the random masks, instead of the rig file's.
             calibration: Bundle with the masks to use, instead of the one named in the rig file's [calibration].
             probe: Show one mask of the bundle and check whether it still fits; needs a lit scene at rest.
             progress: Receives the stages and steps.
@@ -141,11 +143,13 @@ class OpenRig:
         try:
             if shots is not None:
                 self._rig.set_shots(shots)
+            if seed is not None:
+                self._rig.set_seed(seed)
             with shown(progress) as display:
                 calibrated = self._calibrated(calibration, probe, display)
                 return prepare(self._rig, self.devices, calibrated)
         finally:
-            self._rig.table = table  # the next plan uses the file's number again
+            self._rig.table = table  # the next plan uses the file's numbers again
 
     def capture(
         self,

@@ -27,6 +27,7 @@ def run(
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("shot.h5"),
     dry_run: bool = False,
     shots: int | None = None,
+    seed: int | None = None,
     until: str | None = None,
     overwrite: bool = False,
     calibration: Path | None = None,
@@ -45,6 +46,7 @@ def run(
         dry_run: Connect, check and print the plan; move and write nothing.
         shots: Number of shots, instead of the rig file's; a longer burst is shortened to it. With --until, at most as
             many, by default 32.
+        seed: Of the random masks, instead of the rig file's: fresh masks for another exposure of the same scene.
         until: Take exposures until those taken give, reconstructed together, views of 35dB or depth to 'depth 1%', by
             their standard errors; or for a time, 10min.
         overwrite: Replace a finished file of that name.
@@ -72,7 +74,7 @@ def run(
             with open_display() as display:
                 asked = MOST if shots is None and until is not None else shots
                 prepared = opened.plan(
-                    shots=asked, calibration=calibration, probe=probe and not dry_run, progress=display
+                    shots=asked, seed=seed, calibration=calibration, probe=probe and not dry_run, progress=display
                 )
             _print_plan(console, opened, prepared)
             prepared.plan.require_sound()

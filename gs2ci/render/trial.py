@@ -110,4 +110,4 @@ def _outcome(backend: Backend, renderings: int) -> list[Tensor]:
         by_poses = pull(weights.numpy())
     gradients = [one.grad for one in scene.parameters().values() if one.grad is not None]
     # The last row of a pose is fixed; of the others the gradient is that of twelve numbers.
-    return [torch.from_numpy(image), *gradients, torch.from_numpy(by_poses[:, :3].copy())]
+    return [torch.as_tensor(image), *gradients, torch.as_tensor(by_poses)[:, :3]]

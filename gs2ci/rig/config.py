@@ -48,6 +48,8 @@ class CaptureTable(ConfigTable):
     """Masks shown during one exposure."""
     density: Fraction = 0.25
     """Share of open pixels of a random binary mask."""
+    element: Count = 1
+    """Sensor pixels per side of a random mask's elements."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the random masks."""
     pattern_file: str = ""

@@ -68,6 +68,22 @@ class Rig:
         capture = self.table.capture.model_copy(update={"shots": shots, "burst": burst})
         self.table = self.table.model_copy(update={"capture": capture})
 
+    def set_seed(self, seed: int) -> None:
+        """Set the seed of the random masks, instead of the file's: fresh masks for another exposure.
+
+        Raises:
+            InputError: Below 0, or the masks are those of a file.
+        """
+        if seed < 0:
+            raise InputError(f"--seed {seed}", allowed="0 or more")
+        if self.table.capture.pattern_file:
+            raise InputError(
+                f"--seed {seed} with pattern_file = {self.table.capture.pattern_file!r} in [capture]",
+                allowed="random masks",
+                remedy="leave --seed out, or take pattern_file out of the rig file",
+            )
+        self.table = self.table.model_copy(update={"capture": self.table.capture.model_copy(update={"seed": seed})})
+
     def open(self, trace_stem: Path | None = None, session: SessionLog | None = None) -> Devices:
         """Open all devices; nothing is sent to them yet.
 

@@ -44,8 +44,9 @@ def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
             )
         return np.asarray(levels, dtype=np.uint16)
     rng = np.random.default_rng(np.random.SeedSequence(table.seed))
-    shape = (table.masks, *size)
-    is_open = rng.random(shape) < table.density
+    side = table.element
+    is_open = rng.random((table.masks, *(-(-edge // side) for edge in size))) < table.density
+    is_open = is_open.repeat(side, axis=1).repeat(side, axis=2)[:, : size[0], : size[1]]
     return np.asarray(np.where(is_open, top, 0), dtype=np.uint16)
 
 

@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import CfaPattern
 from gs2ci.rig.config import DEVICE_GROUPS, MechanicsTable, RigTable, WorldTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.plugin import known_driver
-from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.idealisations import typical
@@ -114,7 +112,8 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     rig = with_typical_devices(rig)
     table = rig.world or WorldTable()
     if light is None:
-        light = _light(rig, table, rig.sensor.cfa)
+        scene = scene_of(table)
+        light = bench_light(rig, table, scene, _registration(rig, table, scene.size))
     modulator = known_driver("gs2ci.modulators", rig.modulator.kind)
     line = modulator.gate_line if rig.capture.mode == "gate" else modulator.pulse_line
     world = World(light, stated=Stated(table, f"modulator.{line}"))
@@ -132,7 +131,8 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     return bench
 
 
-def _scene(table: WorldTable) -> "Scene":
+def scene_of(table: WorldTable) -> "Scene":
+    """Return the scene of a [world]."""
     from gs2ci_sims.scenes.planes import planes  # noqa: PLC0415
     from gs2ci_sims.scenes.rgbd import motorcycle  # noqa: PLC0415
 
@@ -140,31 +140,43 @@ def _scene(table: WorldTable) -> "Scene":
     return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
 
 
-def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> "BenchLight":
+def bench_light(rig: RigTable, table: WorldTable, scene: "Scene", registration: MaskAlignment) -> "BenchLight":
+    """Return the light of a bench before a scene.
+
+    Args:
+        rig: The rig.
+        table: Its [world], with typical devices' figures if it requests them.
+        scene: What is seen.
+        registration: Where the modulator's image lies.
+
+    Raises:
+        InputError: An effect's name or a value is invalid.
+    """
     # Imported here because scenes need torch, and a bench with another light does not.
     from gs2ci_sims.bench_light import BenchLight  # noqa: PLC0415
     from gs2ci_sims.radiance import Renderer  # noqa: PLC0415
     from gs2ci_sims.rig_file import effects_from_tables  # noqa: PLC0415
 
-    scene = _scene(table)
-    effects = effects_from_tables(table.effects)
     return BenchLight(
         scene,
         _data_sheet(rig, table),
-        _registration(rig, table, scene.size, effects),
+        registration,
         full_scale_e_per_s=rig.optics.full_scale_e_per_s or DEFAULT_FULL_SCALE_E_PER_S,
         seed=table.seed,
-        cfa=cfa,
+        cfa=rig.sensor.cfa,
         noise=table.noise,
-        effects=[effect for effect in effects if not isinstance(effect, Misregistration)],
+        effects=[effect for effect in effects_from_tables(table.effects) if not isinstance(effect, Misregistration)],
         lamp_drift_per_min=table.lamp_drift_per_min,
         tolerance_dn=table.tolerance_dn,
         renderer=Renderer(supersampling=table.supersampling),
     )
 
 
-def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> MaskAlignment:
+def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int]) -> MaskAlignment:
     """Return where the modulator's image truly lies; misregistration among the effects displaces it further."""
+    from gs2ci_sims.rig_file import effects_from_tables  # noqa: PLC0415  as in `bench_light`
+
+    effects = effects_from_tables(table.effects)
     row, column = origin(rig.registration, size, modulator_size(rig))
     moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
     return MaskAlignment(

@@ -55,7 +55,7 @@ def look_at(truth, noise=0.0, share=0.05):
 
 def handed(first, mean, best=None, settings=SETTINGS, *, polish=False):
     ensemble = SimpleNamespace(views=mean, best=SimpleNamespace(views=mean if best is None else best))
-    polishing = (PatchSettings.from_scene(),) if polish else ()
+    polishing = (PatchSettings(iterations=32, first_sigma=25 / 255),) if polish else ()
     refine = Refinement(first.holdout, settings.residual)
     return hand_over(first, ensemble, refine, settings, polishing)
 

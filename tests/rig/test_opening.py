@@ -164,6 +164,14 @@ def test_a_rig_file_is_loaded_with_its_bench(tmp_path):
         rig.set_shots(0)
     rig.set_shots(7)
     assert rig.table.capture.shots == 7
+    with pytest.raises(InputError, match="--seed -1"):
+        rig.set_seed(-1)
+    rig.set_seed(5)
+    assert rig.table.capture.seed == 5
+    masks_of_a_file = rig.table.capture.model_copy(update={"pattern_file": "masks.npy"})
+    rig.table = rig.table.model_copy(update={"capture": masks_of_a_file})
+    with pytest.raises(InputError, match=r"--seed 5 with pattern_file"):
+        rig.set_seed(5)
 
 
 @pytest.mark.parametrize(("burst", "shots", "shorter"), [(1, 4, 1), (4, 1, 1), (4, 4, 4), (4, 8, 4), (4, 2, 2)])

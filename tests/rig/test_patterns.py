@@ -86,3 +86,12 @@ def test_codes_may_be_flags_and_lie_in_an_archive(tmp_path):
     wanted = np.random.default_rng(0).random((2, 4, 4)) < 0.5
     np.savez(tmp_path / "codes.npz", masks=wanted)
     assert np.array_equal(draw_codes(CaptureTable(pattern_file="codes.npz"), (4, 4), tmp_path), wanted)
+
+
+def test_elements_of_several_pixels_are_drawn_once_each(tmp_path):
+    codes = draw_codes(CaptureTable(masks=2, density=0.5, element=3), (7, 8), tmp_path)
+    assert codes.shape == (2, 7, 8)
+    blocks = codes[:, :6, :6].reshape(2, 2, 3, 2, 3)
+    assert (blocks == blocks[:, :, :1, :, :1]).all()
+    assert codes.min() == 0
+    assert codes.max() == 1

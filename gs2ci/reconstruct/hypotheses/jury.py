@@ -149,7 +149,7 @@ class Jury:
 
     def further(self, refined: F32) -> F32:
         """Decode by patches, which may move, for a few steps from refined views, [N, H, W, C]."""
-        return patch_decode_from(self._fits.holdout.seen, refined, PatchSettings.from_scene_briefly())
+        return patch_decode_from(self._fits.holdout.seen, refined, PatchSettings(iterations=4, first_sigma=10 / 255))
 
     def gain(self, refined: F32, decoded: F32) -> float:
         """Return the share by which decoded views, [N, H, W, C], have less of a held-out residual than refined ones."""

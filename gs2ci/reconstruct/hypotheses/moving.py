@@ -149,8 +149,12 @@ class MotionReport:
 
     @property
     def polishing(self) -> tuple[PatchSettings, ...]:
-        """Get the dense schedules by which the patch decode may continue from the refined views."""
-        return (PatchSettings.polish(), PatchSettings.from_scene()) if self.tried else ()
+        """Get the dense schedules by which the patch decode may continue from the refined views.
+
+        The first changes nearly right ones little; the second is for those that err by a few hundredths of full scale.
+        """
+        little, much = (PatchSettings(iterations=n, first_sigma=sigma / 255) for n, sigma in ((8, 10), (32, 25)))
+        return (little, much) if self.tried else ()
 
     def summary(self, speeds: "Speeds | None") -> MotionSection:
         """Return the figures for the report."""

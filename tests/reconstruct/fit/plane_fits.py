@@ -22,6 +22,13 @@ QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=
 UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
 
 
+def fit_coarse(exposure, start, settings, seed, monitoring):
+    """Fit one exposure without a pause."""
+    fit = CoarseRun([exposure], start, settings, seed, monitoring)
+    fit.advance()
+    return fit.result()
+
+
 def run(
     moving_plane,
     settings=QUICK,

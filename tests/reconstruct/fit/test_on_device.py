@@ -11,13 +11,13 @@ pytest.importorskip("warp", reason="Warp is not installed")
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse.stage import fit_coarse
 from gs2ci.reconstruct.fit.coarse.state import FitState
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render import places
 from gs2ci.render.backend import load_backend
 from gs2ci.render.warp import arrays
+from tests.reconstruct.fit.plane_fits import fit_coarse
 from tests.reconstruct.fit.reading_back import reads, said_to_lie_there
 
 READS = 6

@@ -374,7 +374,11 @@ def test_motion_of_a_pixel_or_around_an_object_is_not_said_to_be_things_that_mov
         (0.01, False, ()),
         (0.05, False, ()),
         (0.08, False, ()),
-        (0.1, True, (PatchSettings.polish(), PatchSettings.from_scene())),
+        (
+            0.1,
+            True,
+            (PatchSettings(iterations=8, first_sigma=10 / 255), PatchSettings(iterations=32, first_sigma=25 / 255)),
+        ),
     ],
 )
 def test_views_are_polished_densely_where_moving_fits_were_made(gain, tried, schedules):

@@ -11,7 +11,6 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse.stage import fit_coarse
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.fit.losses.objective import LossWeights
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
@@ -24,6 +23,7 @@ from gs2ci.reconstruct.paper.pseudo_views import support_weights
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.gaussians import joined
 from gs2ci.render.settings import RasterSettings
+from tests.reconstruct.fit.plane_fits import fit_coarse
 
 QUICK = FineSettings(iterations=40, damping=1.0, hold_out=HoldOut(share=0.05, look_every=10))
 

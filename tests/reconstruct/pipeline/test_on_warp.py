@@ -1,4 +1,4 @@
-"""A whole draft whose scene Warp renders, on the CPU by fibers: the same stages, and views as good as the CPU's."""
+"""A whole draft on a device, for which the CPU stands in by fibers: the same stages, and views as good as the CPU's."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
-from gs2ci.render import devices
+from gs2ci.render import devices, places
 from gs2ci.render.cards import Card, Cuda
 from gs2ci.render.devices import CudaProbe
 from tests.nightly import NIGHTLY
@@ -49,13 +49,17 @@ def draft(monkeypatch):
         devices, "CudaProbe", lambda: CudaProbe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (FIBERS,)))
     )
 
-    def reconstruct(shot, device, iterations=None):
+    def reconstruct(shot, device, iterations=None, *, apart=True):
         # Whether a path is sought again, or motion is tried, depends on a fit's residual, which rounding moves.
         settings = replace(preset("draft"), device=device, look_again=False, motion="off")
         told = Told()
         if iterations is not None:
             settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
-        return pipeline.reconstruct(shot, settings, told).result, told.stages
+        places.count_host_as_device(yes=apart and device == "auto")
+        try:
+            return pipeline.reconstruct(shot, settings, told).result, told.stages
+        finally:
+            places.count_host_as_device(yes=False)
 
     return reconstruct
 
@@ -64,9 +68,10 @@ def psnr_db(shot, result):
     return float(np.mean(psnr_per_view(result.views, shot.truth.views)))
 
 
-def test_a_few_iterations_on_a_card_are_those_of_the_cpu(draft):
+@pytest.mark.parametrize("apart", [False, True], ids=["rendering alone", "all that can be"])
+def test_a_few_iterations_on_a_card_are_those_of_the_cpu(draft, apart):
     shot = Bench("planes", views=4).expose((24, 32))
-    (there, stages), (here, same) = draft(shot, "auto", 4), draft(shot, "cpu", 4)
+    (there, stages), (here, same) = draft(shot, "auto", 4, apart=apart), draft(shot, "cpu", 4)
     assert (there.device, here.device) == ("cpu (fibers)", "cpu")
     assert there.notes[0].code is Code.GPU_USED
     assert stages == same

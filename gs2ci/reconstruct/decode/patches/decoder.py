@@ -68,21 +68,6 @@ class PatchSettings(Bounded):
         return replace(self, iterations=len(rest), first_sigma=rest[0])
 
     @classmethod
-    def from_scene(cls) -> "PatchSettings":
-        """Return the schedule that starts from a scene's views, which err by a few hundredths of full scale."""
-        return cls(iterations=32, first_sigma=25 / 255)
-
-    @classmethod
-    def from_scene_briefly(cls) -> "PatchSettings":
-        """Return a few steps of that schedule, which show whether the whole is worth its time."""
-        return cls(iterations=4, first_sigma=10 / 255)
-
-    @classmethod
-    def polish(cls) -> "PatchSettings":
-        """Return the schedule that starts from nearly right views, and changes them little."""
-        return cls(iterations=8, first_sigma=10 / 255)
-
-    @classmethod
     def polish_sparsely(cls) -> "PatchSettings":
         """Return a schedule that polishes a scene's views for a tenth of the time of a whole decode.
 

@@ -186,25 +186,6 @@ class CoarseRun:
         return self._end
 
 
-def fit_coarse(
-    exposure: FittedExposure,
-    start: Gaussians,
-    settings: CoarseSettings,
-    seed: int,
-    monitoring: Monitoring,
-    pace: Pace | None = None,
-    outside: Tensor | None = None,
-) -> CoarseFit:
-    """Fit Gaussians and poses to one measurement without a pause; arguments and errors as for `CoarseRun`.
-
-    Returns:
-        The state with the smallest held-out residual.
-    """
-    run = CoarseRun([exposure], start, settings, seed, monitoring, pace, outside)
-    run.advance()
-    return run.result()
-
-
 class _Loop:
     """The iterations: step, densify, look, stop; and the return to the best state when the fit diverges."""
 

@@ -13,6 +13,7 @@ Here: when masks are open, their moments and poses, the bound. Not here: renderi
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, Final, get_args
 
 import numpy as np
@@ -129,8 +130,9 @@ class MaskMoments:
         """Get how many moments a mask has on average."""
         return self.count / len(self.moments)
 
+    @cached_property
     def offsets(self) -> Tensor:
-        """Return the time of each moment, from the middle of its mask, in intervals between masks, [V] float64.
+        """Get the time of each moment, from the middle of its mask, in intervals between masks, [V] float64.
 
         A mask's moments are the middles of equal parts of the time for which it is displayed.
         """
@@ -143,39 +145,41 @@ class MaskMoments:
             dtype=torch.float64,
         )
 
+    @cached_property
     def of_mask(self) -> Tensor:
-        """Return the mask to which each moment belongs, [V]."""
+        """Get the mask to which each moment belongs, [V]."""
         return torch.repeat_interleave(torch.arange(len(self.moments)), torch.tensor(self.moments))
 
+    @cached_property
     def times(self) -> Tensor:
-        """Return the time of each moment in the unit of the scene's motion, [V] float32 (`mask_times`)."""
+        """Get the time of each moment in the unit of the scene's motion, [V] float32 (`mask_times`)."""
         times = mask_times(len(self.moments))
         between = float(times[1] - times[0]) if len(times) > 1 else 0.0
-        return times[self.of_mask()] + between * self.offsets().float()
+        return times[self.of_mask] + between * self.offsets.float()
 
     def split(self, transmissions: Tensor) -> Tensor:
         """Share each mask's light, [N, H, W], among its moments, [V, H, W]."""
         shares = 1 / torch.tensor(self.moments, dtype=transmissions.dtype)
-        return (transmissions * shares[:, None, None])[self.of_mask()]
+        return (transmissions * shares[:, None, None])[self.of_mask]
 
     def poses(self, world_to_camera: Tensor) -> Tensor:
         """Return the pose at every moment, [V, 4, 4], from those in the middle of each mask, [N, 4, 4].
 
         Differentiable; a mask of one moment keeps its pose bit by bit.
         """
-        here = self.of_mask()
+        here = self.of_mask
         if self.count == len(self.moments):
             return world_to_camera
-        along = path_twists(world_to_camera, self.offsets().to(world_to_camera.dtype), here)
+        along = path_twists(world_to_camera, self.offsets.to(world_to_camera.dtype), here)
         moved = se3.exp(along) @ world_to_camera[here]
         alone = torch.tensor(self.moments)[here] == 1
         return torch.where(alone[:, None, None], world_to_camera[here], moved)
 
     def along(self, world_to_camera: Tensor) -> MomentsOfPath:
         """Return the same poses with a gradient by a call, for a fit; a mask more than one moment has somewhere."""
-        here = self.of_mask().numpy()
+        here = self.of_mask.numpy()
         alone = np.asarray(self.moments)[here] == 1
-        return MomentsOfPath(world_to_camera.detach().numpy(), self.offsets().numpy(), here, alone)
+        return MomentsOfPath(world_to_camera.detach().numpy(), self.offsets.numpy(), here, alone)
 
     @property
     def note(self) -> Finding:

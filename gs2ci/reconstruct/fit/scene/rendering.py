@@ -129,7 +129,7 @@ class ShotRenderer:
         if self._one_picture:
             moments, times = self._moments(moments)
         elif self._mask_moments is not None:
-            along, times = self._mask_moments.along(moments), self._mask_moments.times()
+            along, times = self._mask_moments.along(moments), self._mask_moments.times
             moments = torch.from_numpy(along.poses)
         there = moments.to(scene.means.device)
         image, pull = coded_with_pull(
@@ -199,7 +199,7 @@ class ShotRenderer:
             return self.views(scene, world_to_camera)
         poses, times = self._moments(world_to_camera)
         found = np.zeros((*self.transmissions.shape, 1 if self._mono else 3), np.float32)
-        for mask, number in enumerate(self._mask_moments.of_mask().tolist()):
+        for mask, number in enumerate(self._mask_moments.of_mask.tolist()):
             one = self.views(scene, poses[mask : mask + 1], times[mask : mask + 1])
             found[number] += one[0] / self._mask_moments.moments[number]
         return found
@@ -210,7 +210,7 @@ class ShotRenderer:
             return world_to_camera[:1], self.times[:1]
         if self._mask_moments is None:
             return world_to_camera, self.times
-        return self._mask_moments.poses(world_to_camera), self._mask_moments.times()
+        return self._mask_moments.poses(world_to_camera), self._mask_moments.times
 
     def images(
         self,

@@ -15,7 +15,6 @@ from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.pace import Fixed
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse.stage import fit_coarse
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -30,7 +29,7 @@ from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
 from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
-from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, paused, run
+from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, fit_coarse, paused, run
 
 pytestmark = pytest.mark.slow
 

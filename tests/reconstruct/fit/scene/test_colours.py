@@ -12,7 +12,6 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse.stage import fit_coarse
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.fit.density.base import grow
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser, StepSizes
@@ -22,6 +21,7 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.harmonics import degree_of
+from tests.reconstruct.fit.plane_fits import fit_coarse
 
 
 def push(optimiser, seed):

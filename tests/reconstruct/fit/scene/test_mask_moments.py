@@ -35,14 +35,14 @@ def test_steady_and_evenly_accelerated_motion_is_met_exactly(share):
     middles = torch.arange(MASKS, dtype=torch.float64)
     mask_moments = moments_of(3, 1, 4, 2, share=share)
     found = mask_moments.poses(accelerated(middles))
-    when = middles[mask_moments.of_mask()] + mask_moments.offsets()
+    when = middles[mask_moments.of_mask] + mask_moments.offsets
     torch.testing.assert_close(found, accelerated(when), atol=1e-9, rtol=0)
 
 
 def test_moments_are_the_middles_of_equal_parts_of_the_time_on_show():
-    offsets = moments_of(2, 1, 4, share=0.8).offsets()
+    offsets = moments_of(2, 1, 4, share=0.8).offsets
     torch.testing.assert_close(offsets, torch.tensor([-0.2, 0.2, 0.0, -0.3, -0.1, 0.1, 0.3], dtype=torch.float64))
-    times = moments_of(2, 1, 4, share=0.8).times()
+    times = moments_of(2, 1, 4, share=0.8).times
     assert times.tolist() == pytest.approx([-1.2, -0.8, 0.0, 0.7, 0.9, 1.1, 1.3])
 
 

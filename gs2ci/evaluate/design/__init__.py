@@ -1,0 +1,1 @@
+"""Designs of a capture: checked by reconstructions, and shown as a table and a picture."""
