@@ -22,7 +22,7 @@ from gs2ci.reconstruct.choices import PresetName
 if TYPE_CHECKING:
     from gs2ci.evaluate.design.pages import Design, DesignRow
     from gs2ci.rig.config import CaptureTable, RigTable
-    from gs2ci.rig.design.candidates import LeftOut, Possible
+    from gs2ci.rig.design.candidates import NotTried, Possible
     from gs2ci.rig.design.exposing import SmallBench
     from gs2ci.rig.design.telling import WantedViews
 
@@ -117,7 +117,7 @@ def design(
     computing_s = None if computing is None else parse_duration_s(computing)
     rig, places = Path(rig), _places(Path(output), overwrite=overwrite)
     from gs2ci.rig.config import read_rig
-    from gs2ci.rig.design.candidates import Asked, LeftOut, Varied
+    from gs2ci.rig.design.candidates import Asked, NotTried, Varied
 
     table, text = read_rig(rig)
     candidates = Varied(masks, open_share, element, travel_mm, exposures).candidates(table)
@@ -133,7 +133,7 @@ def design(
         possible: dict[int, Possible] = {}
         for done, one in enumerate(Asked(table, capture_s).of(candidates), 1):
             rows.append(work.row(one))
-            if not isinstance(one, LeftOut):
+            if not isinstance(one, NotTried):
                 possible[len(rows) - 1] = one
             display.step(done)
         if not possible:
@@ -249,15 +249,15 @@ class _Work:
         """Get the size of the small picture."""
         return self.bench.scene.size
 
-    def row(self, one: "Possible | LeftOut") -> "DesignRow":
+    def row(self, one: "Possible | NotTried") -> "DesignRow":
         """Judge a candidate by what its coding tells."""
         from gs2ci.evaluate.design.pages import DesignRow
-        from gs2ci.rig.design.candidates import LeftOut
+        from gs2ci.rig.design.candidates import NotTried
         from gs2ci.rig.design.telling import readings_of, told
 
         of = one.candidate
         row = DesignRow(of.masks, of.density, of.element, of.travel_mm, of.exposures)
-        if isinstance(one, LeftOut):
+        if isinstance(one, NotTried):
             return replace(row, left_out=one.reason)
         found = told(self.bench, self.wanted, readings_of(self.bench, one.capture, of.exposures))
         parts = (_db(part) for part in (found.texture, found.depth, found.unseen, found.decoded))

@@ -29,7 +29,7 @@ from gs2ci.evaluate.design.checking import checked
 from gs2ci.evaluate.design.pages import DesignRow
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.rig.config import read_rig
-from gs2ci.rig.design.candidates import Candidate, Varied
+from gs2ci.rig.design.candidates import CaptureCandidate, Varied
 from gs2ci.rig.design.exposing import small_bench
 from gs2ci.rig.design.rewriting import with_capture
 from gs2ci.rig.design.telling import wanted_views
@@ -85,11 +85,11 @@ def _compare(rig: Path, scene: str) -> None:
         print(f"    {one}: foreseen {row.foreseen_db:.2f}, grid {grid[one]:.2f}", flush=True)
 
 
-def _candidate(row: DesignRow) -> Candidate:
-    return Candidate(row.masks, row.density, row.element, row.travel_mm, row.exposures)
+def _candidate(row: DesignRow) -> CaptureCandidate:
+    return CaptureCandidate(row.masks, row.density, row.element, row.travel_mm, row.exposures)
 
 
-def _grid(rig: Path, scene: str) -> tuple[dict[Candidate, float], float]:
+def _grid(rig: Path, scene: str) -> tuple[dict[CaptureCandidate, float], float]:
     """Reconstruct every candidate; return the quality of each, dB, and the processor seconds of all."""
     began_s = time.process_time()
     table, _ = read_rig(rig)

@@ -36,7 +36,7 @@ _SETTLED_ON_THE_BENCH: Final = ("trigger pulses", "unit of exposure")
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CaptureCandidate:
     """One capture that may be taken.
 
     Args:
@@ -107,7 +107,7 @@ class Varied:
     travels_mm: Sequence[float] = ()
     exposures: Sequence[int] = ()
 
-    def candidates(self, table: RigTable) -> list[Candidate]:
+    def candidates(self, table: RigTable) -> list[CaptureCandidate]:
         """Return the candidates for a bench.
 
         Raises:
@@ -129,7 +129,7 @@ class Varied:
             _checked("--travel-mm", travels, 0.0, 1e4),
             _checked("--exposures", tuple(self.exposures) or EXPOSURES, 1, 64),
         )
-        found = [Candidate(int(n), float(d), int(e), float(t), int(k)) for n, d, e, t, k in product(*lists)]
+        found = [CaptureCandidate(int(n), float(d), int(e), float(t), int(k)) for n, d, e, t, k in product(*lists)]
         if len(found) > MOST:
             raise InputError(f"{len(found)} candidates", allowed=f"at most {MOST}", remedy="give fewer values to vary")
         return found
@@ -175,13 +175,13 @@ class Possible:
         capture_s: What all its exposures take on the bench: uploads, sweeps there and back, masks.
     """
 
-    candidate: Candidate
+    candidate: CaptureCandidate
     capture: CaptureTable
     capture_s: float
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class NotTried:
     """A candidate that is not tried.
 
     Args:
@@ -189,7 +189,7 @@ class LeftOut:
         reason: Why, as a sentence without a full stop.
     """
 
-    candidate: Candidate
+    candidate: CaptureCandidate
     reason: str
 
 
@@ -214,36 +214,36 @@ class Asked:
         self._upload_s: dict[int, float] = {}
         self._number = 0
 
-    def of(self, candidates: Sequence[Candidate]) -> Iterator[Possible | LeftOut]:
+    def of(self, candidates: Sequence[CaptureCandidate]) -> Iterator[Possible | NotTried]:
         """Ask of each candidate whether the bench can take it, and how long that takes."""
         with closing(self._rig.open()) as devices:
             for candidate in candidates:
                 try:
                     yield self._asked(devices, candidate)
                 except (InputError, DriverError) as error:
-                    yield LeftOut(candidate, error.problem)
+                    yield NotTried(candidate, error.problem)
 
-    def _asked(self, devices: Devices, candidate: Candidate) -> Possible | LeftOut:
+    def _asked(self, devices: Devices, candidate: CaptureCandidate) -> Possible | NotTried:
         info = devices.modulator.connect()
         capture = candidate.capture(self._table.capture)
         most = info.capacity.get(capture.bit_depth)
         if most is not None and capture.masks > most:  # not even drawn: they may take gigabytes
-            return LeftOut(candidate, f"{capture.masks} masks, of which the modulator holds {most}")
+            return NotTried(candidate, f"{capture.masks} masks, of which the modulator holds {most}")
         if max(full_size(self._table)) < candidate.element:
-            return LeftOut(candidate, f"elements of {candidate.element} px are larger than the picture")
+            return NotTried(candidate, f"elements of {candidate.element} px are larger than the picture")
         capture = capture.model_copy(update={"mask_s": round(info.quantise_s(capture.mask_s), 9)})
         plan = self._plan(devices, candidate, capture)
         broken = [figure for figure in plan.broken if figure.what not in _SETTLED_ON_THE_BENCH]
         if broken:
-            return LeftOut(candidate, "; ".join(f"{one.what}: {one.value}, allowed: {one.limit}" for one in broken))
+            return NotTried(candidate, "; ".join(f"{one.what}: {one.value}, allowed: {one.limit}" for one in broken))
         if candidate.masks not in self._upload_s:
             self._upload_s[candidate.masks] = float(devices.modulator.upload_eta_s(plan.sequence))
         seconds = candidate.exposures * (self._upload_s[candidate.masks] + _seconds(plan))
         if self._longest_s is not None and seconds > self._longest_s:
-            return LeftOut(candidate, f"more than {spoken_duration(self._longest_s)} of capture")
+            return NotTried(candidate, f"more than {spoken_duration(self._longest_s)} of capture")
         return Possible(candidate, capture, seconds)
 
-    def _plan(self, devices: Devices, candidate: Candidate, capture: CaptureTable) -> CapturePlan:
+    def _plan(self, devices: Devices, candidate: CaptureCandidate, capture: CaptureTable) -> CapturePlan:
         """Lay one exposure out; elements and further exposures make no difference to any limit."""
         if candidate.masks != self._number:
             self._drawn, self._plans, self._number = {}, {}, candidate.masks
@@ -260,7 +260,7 @@ class Asked:
         return self._plans[key]
 
     def _settings(
-        self, devices: Devices, candidate: Candidate, capture: CaptureTable
+        self, devices: Devices, candidate: CaptureCandidate, capture: CaptureTable
     ) -> tuple[CaptureSettings, SensorSettings]:
         """Draw masks of an open share, and set the sensor up for them."""
         if candidate.density not in self._drawn:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.rig.design.candidates import Candidate
+from gs2ci.rig.design.candidates import CaptureCandidate
 from gs2ci.rig.design.telling import readings_of, told, wanted_views
 from tests.small_benches import bench_of
 
@@ -17,7 +17,7 @@ def tell(tmp_path):
         bench = bench_of(
             tmp_path, optics={"full_scale_e_per_s": full_scale_e_per_s}, capture={"from_mm": 71.0, "to_mm": 79.0}
         )
-        candidate = replace(Candidate(4, 0.25, 1, 8.0, 1), **changed)
+        candidate = replace(CaptureCandidate(4, 0.25, 1, 8.0, 1), **changed)
         own = bench.table.capture
         wanted = wanted_views(bench, own, None)
         return told(bench, wanted, readings_of(bench, candidate.capture(own), candidate.exposures))
