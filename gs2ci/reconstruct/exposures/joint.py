@@ -47,6 +47,7 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend
 from gs2ci.render.places import working_on
 
 
@@ -133,15 +134,19 @@ def reconstruct_together(
             progress.say(note.sentence)
         clock.lap("geometry")
         halt.begin()
-        fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept)
+        fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept, tools.backend)
         clock.lap("fit")
-        joint = _handed_over(where, fit, settings, progress, clock, None if halt.asked else kept)
+        joint = _handed_over(where, fit, settings, tools.backend, progress, clock, None if halt.asked else kept)
     notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
 
 def _fitted(
-    placed: Sequence[PlacedExposure], settings: Settings, monitoring: Monitoring, kept: Unfinished | None
+    placed: Sequence[PlacedExposure],
+    settings: Settings,
+    monitoring: Monitoring,
+    kept: Unfinished | None,
+    backend: Backend,
 ) -> CoarseRun:
     """Fit one scene to all exposures."""
     by_number = {one.of.number: one for one in placed}
@@ -150,7 +155,7 @@ def _fitted(
         {number: one.geometry for number, one in by_number.items()},
     )
     run = CoarseRun(
-        [one.to_fit() for one in placed],
+        [one.to_fit(backend) for one in placed],
         start.scene,
         shared_schedule(settings.fit, len(placed), start.growth),
         settings.seed,
@@ -165,6 +170,7 @@ def _handed_over(
     where: CommonPlaces,
     fit: CoarseRun,
     settings: Settings,
+    backend: Backend,
     progress: Progress,
     clock: Stopwatch,
     kept: Unfinished | None,
@@ -176,7 +182,7 @@ def _handed_over(
 
     def made() -> Iterator[RunResult]:
         for number, one in enumerate(placed):
-            make = partial(_part, one, fit, number, given[number], settings, clock)
+            make = partial(_part, one, fit, number, given[number], settings, backend, clock)
             yield make() if kept is None else kept.done(f"part-{number:03}", make, arrays_of(one.of.given))()
             progress.step(number + 1)
 
@@ -204,6 +210,7 @@ def _part(
     number: int,
     given: tuple[Geometry, CoarseFit],
     settings: Settings,
+    backend: Backend,
     clock: Stopwatch,
 ) -> RunResult:
     """Return the record of one exposure.
@@ -214,11 +221,12 @@ def _part(
         number: Of the exposure in the fit.
         given: Its path and the common scene along it, in the unit of the given poses, without views.
         settings: Of the reconstruction.
+        backend: Renders.
         clock: Of the whole.
     """
     observed, fit = one.of.observed, run.result(number)
     first, fits = observed.first, observed.fits
-    ensemble, renderer = Ensemble(fit, fit.views), one.renderer(observed.fits)
+    ensemble, renderer = Ensemble(fit, fit.views), one.renderer(observed.fits, backend)
     recovered = hand_over(first, ensemble, fits.refine, fits.settings, ()).in_the_middle(ensemble, renderer)
     geometry, scaled = given[0], replace(given[1], views=fit.views)
     light = renderer.stopped_light(scaled.scene, scaled.world_to_camera)

@@ -24,8 +24,8 @@ from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.measurement.lens import straightened
 from gs2ci.reconstruct.observe import Observed, Tools, observe
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +96,14 @@ class PlacedExposure:
     geometry: Geometry
     start: Gaussians
 
-    def renderer(self, fits: Fits) -> ShotRenderer:
+    def renderer(self, fits: Fits, backend: Backend) -> ShotRenderer:
         """Return a renderer of its measurement, of which `fits` are."""
-        backend = load_backend(fits.settings.backend, fits.settings.raster)
         return ShotRenderer(fits.fitted.shot, self.geometry.intrinsics, backend, fits.lens, fits.mask_moments)
 
-    def to_fit(self) -> FittedExposure:
-        """Return what a fit is given for it."""
+    def to_fit(self, backend: Backend) -> FittedExposure:
+        """Return what a fit is given for it; exposures of a fit share a backend, whose buffers serve one at a time."""
         fits = self.of.observed.fits
-        return FittedExposure(fits.fitted, self.renderer(fits), self.geometry, fits.refine.decode, fits.score)
+        return FittedExposure(fits.fitted, self.renderer(fits, backend), self.geometry, fits.refine.decode, fits.score)
 
 
 def held(observed: Observed) -> Callable[[], Observed]:
