@@ -16,9 +16,9 @@ import psutil
 from gs2ci.core.records import Shot
 
 # The program with its libraries, MiB; bytes of a pixel of a view: of the exposure in work, and of every exposure.
-_BASE_MIB: Final = 800
-_IN_WORK_BYTES: Final = 500
-_EACH_BYTES: Final = 120
+_BASE_MIB: Final = 650
+_IN_WORK_BYTES: Final = 100
+_EACH_BYTES: Final = 300
 
 
 def foreseen_mib(shots: Sequence[Shot]) -> int:
