@@ -3,7 +3,10 @@
 Here: the interface through which stages report, and the silent listener. Not here: drawing (`gs2ci.api.display`).
 """
 
+from collections.abc import Iterable
 from typing import Protocol
+
+from gs2ci.core.findings import Finding
 
 
 class Progress(Protocol):
@@ -55,3 +58,11 @@ class Silent:
     def say(self, text: str) -> None:
         """Keep the sentence."""
         self.sentences.append(text)
+
+
+def said(notes: Iterable[Finding], progress: Progress) -> tuple[Finding, ...]:
+    """Pass on the sentence of each finding, and return the findings."""
+    kept = tuple(notes)
+    for note in kept:
+        progress.say(note.sentence)
+    return kept

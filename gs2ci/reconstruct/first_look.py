@@ -13,7 +13,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.progress import Progress
+from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import Decoder, FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
@@ -147,8 +147,7 @@ def look(
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
     sigma = last_sigma(settings.first_look, settings.decode)
     found = FirstLook(holdout, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
-    for note in found.notes:
-        progress.say(note.sentence)
+    said(found.notes, progress)
     return found
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from gs2ci.core.findings import Finding
 from gs2ci.core.halt import Halt
-from gs2ci.core.progress import Progress
+from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
@@ -179,10 +179,7 @@ def as_shown(score: Score | None, light: Brightness) -> Score | None:
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
     """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
     sound, faulty = close_faulty_pixels(shot)
-    doubts = (*doubts_about(shot), *faulty)
-    for doubt in doubts:
-        progress.say(doubt.sentence)
-    return sound, doubts
+    return sound, said((*doubts_about(shot), *faulty), progress)
 
 
 def _mask_moments(first: FirstLook, lens: Lens | None, settings: Settings, progress: Progress) -> MaskMoments | None:

@@ -8,9 +8,9 @@ Here: the order of the stages and their timing. Not here: any stage itself: the 
 
 from dataclasses import dataclass
 
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
-from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.fit.coarse.looks import Score
@@ -75,8 +75,9 @@ def reconstruct(
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
     settings, placement = placed(shot, settings)
-    settings, tools = settings if budget is None else budget.beforehand(settings), Tools.load(settings)
-    _said(placement.notes, progress)
+    settings = settings if budget is None else budget.beforehand(settings)
+    tools = Tools.load(settings)
+    said(placement.notes, progress)
     with working_on(tools.backend.device):
         seen = observe(shot, settings, tools, progress, score, halt, registered)
         halt.begin()
@@ -97,7 +98,7 @@ def reconstruct(
         if settings.uncertainty:
             sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
             fits.clock.lap("uncertainty")
-    doubts = (*seen.doubts, *_said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
+    doubts = (*seen.doubts, *said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
     stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
     left = Left(*stages, fits.mask_moments, sure, placement)
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)
@@ -115,10 +116,3 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     with working_on(tools.backend.device):
         seen = observe(shot, settings, tools, progress, None, Halt(), None)
         return planned(seen.fits, seen.first, seen.order)
-
-
-def _said(notes: tuple[Finding, ...], progress: Progress) -> tuple[Finding, ...]:
-    """Report findings, and return them."""
-    for note in notes:
-        progress.say(note.sentence)
-    return notes

@@ -26,7 +26,7 @@ import numpy as np
 from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
-from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
@@ -162,8 +162,7 @@ class Auto:
             notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
         elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
             notes.append(finding(Code.STAGE_MOTION_UNSEEN))
-        for note in notes:
-            progress.say(note.sentence)
+        said(notes, progress)
         joined = max(answer.joined for answer in answers)
         return replace(chosen, notes=(*notes, *chosen.notes), joined=joined)
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
@@ -243,8 +243,7 @@ def initialise(
             geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
             geometry = _with_reverse(replace(found, geometry=geometry), views, settings, posed=known_poses is not None)
     progress.step(3)
-    for note in geometry.notes:
-        progress.say(note.sentence)
+    said(geometry.notes, progress)
     return geometry
 
 
