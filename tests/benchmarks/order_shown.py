@@ -1,4 +1,4 @@
-"""How often an order of depth that whole fits show is the wrong one, on scenes that nothing was fixed on.
+"""How often an order of depth that whole fits show is the wrong one, on drawn scenes.
 
     python -m tests.benchmarks order_shown
 
