@@ -54,7 +54,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "measure": ("gs2ci.commands.measure", "measure the distance between two points of a run"),
     "tradeoff": ("gs2ci.commands.tradeoff", "measure accuracy against time for one shot"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
-    "design": ("gs2ci.commands.design", "find the masks, travel and exposures that serve a bench best"),
+    "design": ("gs2ci.commands.design", "find the masks, travel and exposures that serve a bench"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation must include"),
     "calibrate": ("gs2ci.commands.calibrate", "calibrate a bench: sensor, masks, geometry, timing"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),

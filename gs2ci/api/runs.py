@@ -19,9 +19,9 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError, reason_with_file
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
-from gs2ci.core.run_records import RunResult
 
 if TYPE_CHECKING:
+    from gs2ci.core.run_records import RunResult
     from gs2ci.evaluate.report import Report
     from gs2ci.render.gaussians import Gaussians
 
@@ -72,13 +72,13 @@ class Run:
     views_error: F32 | None = None
     depth_error: F32 | None = None
     folder: Path | None = None
-    result: RunResult | None = None
+    result: "RunResult | None" = None
     shot: Shot | None = None
     _scene: "Gaussians | None" = field(default=None, repr=False)
     _unfinished: Path | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, shot: Shot, result: RunResult, scene: "Gaussians", unfinished: Path | None = None) -> "Run":
+    def of(cls, shot: Shot, result: "RunResult", scene: "Gaussians", unfinished: Path | None = None) -> "Run":
         """Make a run from the result of the pipeline; `unfinished` is what is kept until it is saved."""
         return cls(
             views=result.views,

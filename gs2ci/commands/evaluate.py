@@ -54,10 +54,13 @@ def run(
     from gs2ci.core.storage import read_shot
     from gs2ci.evaluate.evaluation import check_evaluation_place, write_evaluation
     from gs2ci.evaluate.report import read_report
+    from gs2ci.evaluate.whole_folder import REPORT_NAME
 
     output = output or folder / "evaluation.json"
     check_evaluation_place(output)
-    if more or isinstance(index, str) or read_report(folder).exposures:
+    # A folder without a report is refused below: first the shot, which is at times given in its place.
+    joint = (folder / REPORT_NAME).is_file() and bool(read_report(folder).exposures)
+    if more or isinstance(index, str) or joint:
         measured = chosen_exposures((shot, *more), index)
     else:
         measured = [read_shot(shot, index or 0)]
