@@ -12,6 +12,8 @@ import pytest
 FOLDER = Path(__file__).resolve().parents[1] / "findings"
 # Folders in which people work, and which others do not have.
 OF_ONE_MACHINE = ("work", "home", "root")
+# The namespace by which GenApi knows a camera's description: a name, though it looks like an address.
+GENAPI = 'xmlns="http://www.genicam.org/GenApi/Version_1_1"'
 SCRIPTS = sorted(FOLDER.glob("*.sh"))
 
 
@@ -39,7 +41,6 @@ def test_a_finding_is_pinned_tells_what_was_guessed_and_cleans_up(path):
     named = [word for line in wanted for word in line.split(">")[0].split() if not word.startswith("-")]
     assert named
     assert all(re.fullmatch(r"[\w.-]+(\[[\w,-]+\])?==[\w.]+|@?[\w./-]+@\d[\w.-]*", word) for word in named), named
-    # A namespace in XML is a name, though it looks like an address.
-    assert not re.search(r"gs2ci|https?://|index-url", re.sub(r'xmlns="[^"]*"', "", text))
+    assert not re.search(r"gs2ci|https?://|index-url", text.replace(GENAPI, ""))
     assert not any(f"/{folder}" in text for folder in OF_ONE_MACHINE)
     assert re.search(r"sys\.exit\(|exit 1|process\.exit|^assert .*has changed", text, re.MULTILINE)

@@ -18,7 +18,7 @@ import numpy as np
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
-from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.summed import check_alike, summed
@@ -114,8 +114,7 @@ def reconstruct_together(
             remedy="leave these out, or reconstruct each exposure by itself",
         )
     settings, where_rendered = on_device(shots[0], settings, exposures=len(shots))
-    for note in where_rendered.notes:
-        progress.say(note.sentence)
+    said(where_rendered.notes, progress)
     settings, clock = replace(settings, motion="off"), Stopwatch()
     if len(shots) > 1:
         progress.say(foreseen.said(shots))
@@ -130,8 +129,7 @@ def reconstruct_together(
         alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
         observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
         where = places(observed) if kept is None else kept_places(kept, observed)
-        for note in (*where.left_out, *where.notes):
-            progress.say(note.sentence)
+        said((*where.left_out, *where.notes), progress)
         clock.lap("geometry")
         halt.begin()
         fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept, tools.backend)

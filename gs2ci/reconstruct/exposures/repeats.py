@@ -19,7 +19,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.progress import Progress
+from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.exposures.observing import ObservedExposure, held
@@ -91,9 +91,7 @@ def decoded_together(
             found[at[one.number]] = one
         first, *others = (one.name for one in kept)
         notes.append(finding(Code.EXPOSURES_REPEAT, name=first, others=", ".join(others)))
-    for note in notes:
-        progress.say(note.sentence)
-    return found, tuple(notes)
+    return found, said(notes, progress)
 
 
 def groups(observed: Sequence[ObservedExposure]) -> list[list[ObservedExposure]]:

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError
-from gs2ci.core.progress import Progress
+from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest
@@ -117,8 +117,7 @@ def look_far_apart(
         return None
     light = estimate(holdout, carried_views(request.views, geometry, lens))
     lap("geometry")
-    for note in geometry.notes:
-        progress.say(note.sentence)
+    said(geometry.notes, progress)
     return replace(longer, geometry=geometry, brightness=replace(longer.brightness, first=light))
 
 

@@ -63,14 +63,22 @@ def filter_down(
 
 
 @wp.func
-def across(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: int, row: int, channels: int):
-    """Filter along a row."""
-    at = i % row
+def along(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: int, at: int, extent: int, step: int):
+    """Filter along a line of the image through value i, which stands at `at` of 0 to `extent`, in steps of `step`.
+
+    What lies outside the image counts as zero.
+    """
     total = wp.vec3()
     for k in range(1 - taps.shape[0], taps.shape[0]):
-        if at + k * channels >= 0 and at + k * channels < row:
-            total += taps[wp.abs(k)] * values[i + k * channels]
+        if at + k >= 0 and at + k < extent:
+            total += taps[wp.abs(k)] * values[i + k * step]
     return total
+
+
+@wp.func
+def across(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: int, row: int, channels: int):
+    """Filter along a row."""
+    return along(values, taps, i, (i % row) // channels, row // channels, channels)
 
 
 @wp.kernel
@@ -116,12 +124,7 @@ def filter_back_down(
 ):
     """Filter derivatives along columns."""
     i = wp.tid()
-    y = i // row
-    total = wp.vec3()
-    for k in range(1 - taps.shape[0], taps.shape[0]):
-        if y + k >= 0 and y + k < height:
-            total += taps[wp.abs(k)] * partial[i + k * row]
-    out[i] = total
+    out[i] = along(partial, taps, i, i // row, height, row)
 
 
 @wp.kernel
