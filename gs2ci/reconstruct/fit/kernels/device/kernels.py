@@ -176,6 +176,31 @@ def move_in_view(
     log_scales[g] = log_scales[g] + wp.vec3(larger, larger, larger)
 
 
+@wp.func
+def step_of_three(
+    gradient: wp.vec3,
+    mean: wp.array(dtype=wp.vec3),
+    square: wp.array(dtype=wp.vec3),
+    g: int,
+    taken: wp.float32,
+    decay: wp.float32,
+    fresh: wp.float32,
+    scale: wp.float32,
+    least: wp.float32,
+    step: wp.float32,
+):
+    """Update the moments of a parameter of three numbers, and return what `adam_step` adds to it."""
+    m = mean[g] + taken * (gradient - mean[g])
+    v = decay * square[g] + fresh * wp.cw_mul(gradient, gradient)
+    mean[g] = m
+    square[g] = v
+    return wp.vec3(
+        -(step * m[0] / (wp.sqrt(v[0]) * scale + least)),
+        -(step * m[1] / (wp.sqrt(v[1]) * scale + least)),
+        -(step * m[2] / (wp.sqrt(v[2]) * scale + least)),
+    )
+
+
 @wp.kernel
 def step_together(
     means: wp.array(dtype=wp.vec3),
@@ -216,15 +241,7 @@ def step_together(
     by_mean = by_means[g]
     if viewed > 0:
         by_mean = in_view(seen, by_means[g], by_log_scales[g], pose, near)
-    m = mean_of_means[g] + taken * (by_mean - mean_of_means[g])
-    v = decay * square_of_means[g] + fresh * wp.cw_mul(by_mean, by_mean)
-    mean_of_means[g] = m
-    square_of_means[g] = v
-    step = wp.vec3(
-        -(steps[0] * m[0] / (wp.sqrt(v[0]) * scales[0] + least)),
-        -(steps[0] * m[1] / (wp.sqrt(v[1]) * scales[0] + least)),
-        -(steps[0] * m[2] / (wp.sqrt(v[2]) * scales[0] + least)),
-    )
+    step = step_of_three(by_mean, mean_of_means, square_of_means, g, taken, decay, fresh, scales[0], least, steps[0])
     size = log_scales[g]
     if viewed > 0:
         moved, larger = moved_in_view(seen, step, near, across, inverse)
@@ -232,13 +249,9 @@ def step_together(
         size += wp.vec3(larger, larger, larger)
     else:
         means[g] = means[g] + step
-    m = mean_of_log_scales[g] + taken * (by_log_scales[g] - mean_of_log_scales[g])
-    v = decay * square_of_log_scales[g] + fresh * wp.cw_mul(by_log_scales[g], by_log_scales[g])
-    mean_of_log_scales[g] = m
-    square_of_log_scales[g] = v
-    for k in range(3):
-        size[k] = size[k] - steps[1] * m[k] / (wp.sqrt(v[k]) * scales[1] + least)
-    log_scales[g] = size
+    log_scales[g] = size + step_of_three(
+        by_log_scales[g], mean_of_log_scales, square_of_log_scales, g, taken, decay, fresh, scales[1], least, steps[1]
+    )
     m4 = mean_of_quaternions[g] + taken * (by_quaternions[g] - mean_of_quaternions[g])
     v4 = decay * square_of_quaternions[g] + fresh * wp.cw_mul(by_quaternions[g], by_quaternions[g])
     mean_of_quaternions[g] = m4
@@ -252,14 +265,9 @@ def step_together(
     mean_of_logits[g] = m1
     square_of_logits[g] = v1
     logits[g] = logits[g] - steps[3] * m1 / (wp.sqrt(v1) * scales[3] + least)
-    m = mean_of_colours[g] + taken * (by_colours[g] - mean_of_colours[g])
-    v = decay * square_of_colours[g] + fresh * wp.cw_mul(by_colours[g], by_colours[g])
-    mean_of_colours[g] = m
-    square_of_colours[g] = v
-    colour = colours[g]
-    for k in range(3):
-        colour[k] = colour[k] - steps[4] * m[k] / (wp.sqrt(v[k]) * scales[4] + least)
-    colours[g] = colour
+    colours[g] = colours[g] + step_of_three(
+        by_colours[g], mean_of_colours, square_of_colours, g, taken, decay, fresh, scales[4], least, steps[4]
+    )
 
 
 # ----------------------------------------------------------------------------------------------------------- sums
