@@ -10,7 +10,7 @@ from typing import Any, Final
 import warp as wp
 
 from gs2ci.reconstruct.fit.kernels import distances
-from gs2ci.render.recording import TILED
+from gs2ci.render.recording import TILED, sum_of_block
 
 wp.set_module_options({"enable_backward": False})
 
@@ -289,9 +289,9 @@ def sum_opacities(
             opacity = 1.0 / (1.0 + wp.exp(-logits[i]))
             gradient[i] = gradient[i] + share * opacity * (1.0 - opacity)
             total += wp.float64(opacity)
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 @wp.kernel(module="unique", module_options=TILED)
@@ -310,9 +310,9 @@ def sum_sizes(
             size = wp.exp(log_scales[i])
             gradient[i] = gradient[i] + share * size
             total += wp.float64(size)
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 @wp.kernel(module="unique", module_options=TILED)
@@ -329,9 +329,9 @@ def sum_products(
         if g < gradient.shape[0]:
             for j in range(gradient.shape[1]):
                 total += wp.float64(gradient[g, j]) * wp.float64(step[g, wp.min(j, step.shape[1] - 1)])
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 # --------------------------------------------------------------------- exchange of turning for travel, depth field
@@ -474,9 +474,9 @@ def sum_at_knots(changes: wp.array(dtype=wp.vec4d), down: int, deep: int, gradie
         c = _1 - wp.abs(change[2] - k)
         if a > _0 and b > _0 and c > _0:
             total += a * b * c * change[3]
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        gradient[knot] = both[0]
+        gradient[knot] = all_of_it
 
 
 # -------------------------------------------------------------------------------------------------- surfaces' term
@@ -529,9 +529,9 @@ def sum_trust(pixels: wp.array(dtype=wp.int64), trust: wp.array(dtype=wp.float32
     total = wp.float64(0.0)
     for i in range(lane, pixels.shape[0], wp.block_dim()):
         total += wp.float64(trust[int(pixels[i])])
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[0] = wp.max(both[0], _1)
+        sums[0] = wp.max(all_of_it, _1)
 
 
 @wp.kernel(module="unique", module_options=TILED)
@@ -565,9 +565,9 @@ def sum_distances(
             if square >= _0:
                 slope = weight * sure / (_2 * root)
             gradient[at] = narrow(wp.vec3d(slope * p * p, -_2 * slope * p, slope))
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 ALL: Final[tuple[Any, ...]] = (
