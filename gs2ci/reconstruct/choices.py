@@ -61,7 +61,6 @@ class LeftOut(StrEnum):
 
     ADJUSTMENT_OF_POINTS = "adjustment of points"
     CANCELLING_ERRORS = "cancelling errors"
-    COUPLED_DECODE = "coupled decode"
     DECODE_WEIGHS_NOISE = "decode weighs noise"
     DENSE_POLISH = "dense polish"
     DISPLACEMENTS = "displacements"

@@ -90,7 +90,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "combination": {
         LeftOut.ERRORS_OVER_TIME: "views that surely err over time are replaced by those of the decode",
         LeftOut.CANCELLING_ERRORS: "where patches explained much, errors of scenes are taken to cancel along the views",
-        LeftOut.COUPLED_DECODE: "the decode that may join the delivered views may smooth between consecutive views",
     },
     "residual-and-polish": {
         LeftOut.DECODE_WEIGHS_NOISE: "the decode that may join the delivered views weighs the noise of the readings",
