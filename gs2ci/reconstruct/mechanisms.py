@@ -76,7 +76,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.MATCHES_IN_A_LONGER_DECODE: "features of all pairs of views are matched again in a longer decode",
     },
     "depth-order": {
-        LeftOut.SHORT_FITS_OF_BOTH_ORDERS: "short fits from both orders of depth choose one where tracks do not",
         LeftOut.OCCLUSION: "whole fits of both orders of depth show which one hides what the views do not show",
     },
     "path-from-fits": {

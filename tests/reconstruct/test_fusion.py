@@ -82,7 +82,7 @@ def test_it_is_never_clearly_under_the_better_of_decode_and_scene(noise, sigma_p
 
 
 def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
-    truth = moving()
+    truth = moving(sigma_px=3.0)
     first = look_at(truth)
     given = handed(first, moving(seed=9))
     assert given.verdict == "decode"
@@ -225,7 +225,7 @@ def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
 
 def test_nothing_is_polished_where_the_decode_is_all_that_would_be_handed_over(monkeypatch):
     monkeypatch.setattr("gs2ci.reconstruct.fusion._polished", None)
-    assert handed(look_at(moving()), moving(seed=9)).verdict == "decode"
+    assert handed(look_at(moving(sigma_px=3.0)), moving(seed=9)).verdict == "decode"
 
 
 def test_where_the_scene_errs_over_time_and_the_decode_does_not_its_views_are_handed_over(unfollowed):

@@ -117,7 +117,7 @@ def _second(fits: Fits, first: FirstLook, order: OrderFound, alone_s: float, bes
         if needs_rest(first):
             yield PlannedStep(Origin.REST.value, QUARTER * alone_s, "no tracks confirm the motion")
     elif order.state == DepthOrder.OPEN and fits.tries_orders:
-        yield PlannedStep(Origin.TURNED.value, beside_s or alone_s, "tracks and short fits leave it open")
+        yield PlannedStep(Origin.TURNED.value, beside_s or alone_s, "tracks leave it open")
     elif count > 1:
         yield PlannedStep(f"{Origin.COMPANION.value} ({count - 1} more)", beside_s, "the mean of fits errs less")
 
