@@ -27,15 +27,6 @@ wp.config.enable_cpu_blocks = True
 
 TILED: Final[dict[str, Any]] = {"enable_backward": False, "max_unroll": 32, "enable_mathdx_gemm": False}
 """Options of kernels that use tiles; these need a module of their own (warp 1.19)."""
-
-
-@wp.func
-def sum_of_block(mine: wp.float64):
-    """Return the sum over the threads of a block; all of them have to ask, since on CUDA each waits for the others."""
-    found = wp.tile_sum(wp.tile(mine))
-    return found[0]
-
-
 _FIBERS: Final = threading.RLock()
 _CAPTURING: Final = threading.Lock()
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from gs2ci.render.recording import TILED, sum_of_block
+from gs2ci.render.recording import TILED
 from gs2ci.render.warp.types import (
     DILATION,
     INERT,
@@ -220,6 +220,7 @@ def sum_poses(pose_parts: wp.array(dtype=wp.float32), gaussians: int, out: wp.ar
     total = wp.float64(0.0)
     for g in range(lane, gaussians, wp.block_dim()):
         total += wp.float64(pose_parts[(view * gaussians + g) * 12 + entry])
-    all_of_it = sum_of_block(total)
+    both = wp.tile_sum(wp.tile(total))
+    all_of_it = both[0]
     if lane == 0:
         out[view * 16 + entry] = wp.float32(all_of_it)

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import warp as wp
 
-from gs2ci.reconstruct.fit.kernels.device.kernels import CHUNK, PER_THREAD, SUMMED
+from gs2ci.reconstruct.fit.kernels.device.kernels import CHUNK, PER_THREAD, SUMMED, sum_of_block
 from gs2ci.reconstruct.fit.losses.ssim import C1 as SSIM_C1
 from gs2ci.reconstruct.fit.losses.ssim import C2 as SSIM_C2
-from gs2ci.render.recording import TILED, sum_of_block
+from gs2ci.render.recording import TILED
 
 wp.set_module_options({"enable_backward": False})
 

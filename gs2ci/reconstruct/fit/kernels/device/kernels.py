@@ -10,7 +10,7 @@ from typing import Any, Final
 import warp as wp
 
 from gs2ci.reconstruct.fit.kernels import distances
-from gs2ci.render.recording import TILED, sum_of_block
+from gs2ci.render.recording import TILED
 
 wp.set_module_options({"enable_backward": False})
 
@@ -27,6 +27,13 @@ _2 = wp.constant(wp.float64(2.0))
 CHUNK = wp.constant(SUMMED * PER_THREAD)
 Steps = wp.types.vector(length=5, dtype=wp.float32)
 """One number for each of means, log scales, quaternions, opacity logits and colours."""
+
+
+@wp.func
+def sum_of_block(mine: wp.float64):
+    """Return the sum over the threads of a block; all of them have to ask, since on CUDA each waits for the others."""
+    found = wp.tile_sum(wp.tile(mine))
+    return found[0]
 
 
 @wp.func
