@@ -7,7 +7,9 @@ import signal
 import sys
 from collections.abc import Generator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import hypothesis
 import numba
@@ -114,6 +116,18 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
         gc.collect()
         gc.freeze()
         gc.enable()
+
+
+def pytest_collection_finish() -> None:
+    """Draw each scene of simulated benches once: that takes as long as most of what is then asked of a bench."""
+    if (simulated := sys.modules.get("gs2ci.rig.simulated")) is not None:
+        draw = simulated.scene_of
+
+        @lru_cache(maxsize=8)
+        def drawn(scene: str, seed: int, height: int, width: int) -> object:
+            return draw(SimpleNamespace(scene=scene, seed=seed, height=height, width=width))
+
+        simulated.scene_of = lambda table: drawn(table.scene, table.seed, table.height, table.width)
 
 
 @pytest.hookimpl(trylast=True)
