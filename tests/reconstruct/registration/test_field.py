@@ -1,13 +1,24 @@
 """A smooth field beyond the affine is found where the measurement tells it, and nowhere else."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.reconstruct.registration.coarse import Peak, Tile, find_tiles, fine_pattern
-from gs2ci.reconstruct.registration.field import FieldEstimate, _by_tiles, _let_in, _moves, bent_px, find_field
+from gs2ci.reconstruct.registration.field import (
+    FieldEstimate,
+    _bases,
+    _by_tiles,
+    _jacobian,
+    _let_in,
+    _moves,
+    _predicts_better,
+    bent_px,
+    find_field,
+)
 from gs2ci.reconstruct.registration.fine import Problem
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -171,3 +182,19 @@ def test_terms_are_let_in_together_if_one_is_sure_and_masks_move_enough():
     assert _let_in(replace(sure, errors=dict.fromkeys(LOW, 1.0))) == ()
     assert bent_px(Placement(scale=0.01), (40, 50)) == pytest.approx(0.0, abs=1e-9)
     assert bent_px(placement, (200, 240)) > 0.05
+
+
+def test_derivatives_are_those_of_errors_that_grow_with_a_shift():
+    down, right = np.random.default_rng(0).normal(size=(2, 20, 24))
+    problem = SimpleNamespace(errors=lambda one: down * one.placement.down_px + right * one.placement.right_px)
+    found = _jacobian(problem, Misfit(), _bases((20, 24), ("down_px", "right_px")))
+    np.testing.assert_allclose(found, [down, right], atol=1e-9)
+
+
+def test_what_errs_surely_less_predicts_better():
+    rng = np.random.default_rng(0)
+    errors = {0.0: 0.5 * rng.normal(size=(20, 24)), 1.0: 0.3 * rng.normal(size=(20, 24))}
+    problem = SimpleNamespace(size=(20, 24), errors=lambda one: errors[one.placement.down_px])
+    without, found = Misfit(), Misfit(Placement(down_px=1.0))
+    assert _predicts_better(problem, without, found)
+    assert not _predicts_better(problem, found, without)

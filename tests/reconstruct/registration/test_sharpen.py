@@ -134,7 +134,7 @@ def test_steps_find_what_filtering_leaves_out(masks):
 
 def test_softness_that_explains_too_little_and_pictures_that_are_too_small_tell_no_source(masks):
     """Noise of a fourteenth of their variance; and twelve rows, which hold too few elements."""
-    soft = blurred(masks[:1, :40, :48], 0.9)
+    soft = blurred(masks[:1, :40, :48], 0.6)
     noisy = soft + np.random.default_rng(7).normal(0, np.sqrt(0.075 * soft.var()), soft.shape)
     assert binary_source(noisy.astype(np.float32)) is None
     assert sources(np.clip(soft, 0, 1)[:, :12].astype(np.float32)) == []

@@ -123,6 +123,8 @@ def test_pixels_are_held_out_of_all_but_the_last_steps() -> None:
     hidden = [int((power > 1e9).sum()) for power in powers]
     assert hidden[38] == round(0.02 * (powers[0] >= 0).sum() * sliding(0.0).lit.mean())
     assert hidden[39:] == [0] * 9
+    _, powers = after_steps(sliding(0.0), [0.1] * 24, 24)
+    assert [bool((power > 1e9).any()) for power in powers[17:]] == [True, True, *[False] * 5]
 
 
 # The masks' sum in the mean square is 3.5 times its sum of squares: an error of all views adds up. Errors of 1.5 times
