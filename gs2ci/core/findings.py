@@ -195,10 +195,7 @@ class Code(StrEnum):
     DEPTH_ORDER_OPEN = auto()
     DEPTH_IN_NOISE = auto()
     DEPTH_ORDER_UNTRIED = auto()
-    DEPTH_ORDER_TURNED = auto()
-    DEPTH_ORDER_SHOWN = auto()
     DEPTH_ORDER_LIKELY = auto()
-    POSES_SIGN_CONTRADICTED = auto()
 
     # Which source the first path came from.
     SOURCE_CHOSEN = auto()

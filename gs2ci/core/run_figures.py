@@ -66,8 +66,7 @@ class GeometrySection:
 
     `method` found it, `asked_for` was requested; `path_error_expected` is a share of the path's extent, `unit_of` names
     the source of the unit of lengths, None for the scene's own. `order_errors`: the number of standard errors by which
-    the depth order is decided, by tracks and, below 6, by short fits or by what hides what in whole ones; None if there
-    was no evidence.
+    the depth order is decided, by tracks and, below 6, by what hides what in whole fits; None if there was no evidence.
     """
 
     method: str

@@ -61,7 +61,6 @@ class LeftOut(StrEnum):
 
     ADJUSTMENT_OF_POINTS = "adjustment of points"
     CANCELLING_ERRORS = "cancelling errors"
-    COUPLED_DECODE = "coupled decode"
     DECODE_WEIGHS_NOISE = "decode weighs noise"
     DENSE_POLISH = "dense polish"
     DISPLACEMENTS = "displacements"
@@ -73,7 +72,6 @@ class LeftOut(StrEnum):
     REST_AS_RIVAL = "rest as rival"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"
-    SHORT_FITS_OF_BOTH_ORDERS = "short fits of both orders"
     TRACKS_SOUGHT_TWICE = "tracks sought twice"
     UNIFORM_MOTION = "uniform motion"
     WIDE_MATCHES = "wide matches"

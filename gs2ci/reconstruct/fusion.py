@@ -4,7 +4,7 @@
                       │                                   └─ and polished ────┤
                       └─ as it is ────────────────────────────────────────────┤
     best scene ───────────────────────────────────────────────────────────────┼─► weights by held-out pixels
-    decode, uncoupled and coupled (unless far off) ───────────────────────────┘   ─► the combination, from all pixels
+    decode (unless far off) ──────────────────────────────────────────────────┘   ─► the combination, from all pixels
 
 Where the fits' views surely err over time and those of the decode do not, the latter take their place first.
 
@@ -27,7 +27,6 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_figures import Verdict
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.decode.coupling import COUPLINGS
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
@@ -51,14 +50,13 @@ _ERRS: Final = 0.045
 # If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
 _ALL_BUT: Final = 0.95
 
-Part = Literal["refined", "polished", "mean", "scene", "decode", "coupled decode"]
+Part = Literal["refined", "polished", "mean", "scene", "decode"]
 _CALLED: Final[dict[Part, Verdict]] = {
     "refined": "refined",
     "polished": "refined",
     "mean": "refined",
     "scene": "scene",
     "decode": "decode",
-    "coupled decode": "decode",
 }
 
 
@@ -161,7 +159,7 @@ def hand_over(
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
-        candidates.update(_decodes(first, settings, noise_by_reading))
+        candidates["decode"] = _decoded(first, settings, noise_by_reading)
     wanted = shares(holdout, candidates, noise)
     candidates = {name: one for name, one in candidates.items() if wanted[name] > 0}
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
@@ -254,36 +252,23 @@ def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
     return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
 
 
-def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Candidate]:
-    """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
+def _decoded(first: FirstLook, settings: Settings, noise: F32) -> Candidate:
+    """Decode from all pixels.
 
-    The noise of the readings, [H, W, C], is weighed if that lowers it too: where a scene lacks much, noise is
-    overestimated. A brief decode by patches is first continued on the long schedule of the settings. The caller skips
-    all this if a decode by patches gets no weight as it is.
+    The noise of the readings, [H, W, C], is weighed if that lowers the held-out residual: where a scene lacks much,
+    noise is overestimated. A brief decode by patches is first continued on the long schedule of the settings. The
+    caller skips all this if a decode by patches gets no weight as it is.
     """
-    holdout, uncoupled = first.holdout, settings.decode
+    holdout = first.holdout
     if first.is_decoded_briefly and settings.long_decode is not None:
         longer = first.decoded_longer(settings.long_decode, hurried=True)
         if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:
-        return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
-    decoded: F32 = first.decoded
-    known = first.noise
+        return Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))
+    decoded, known = first.decoded, first.noise
     if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:
-        weighed = gap_tv(holdout.every_seen, uncoupled, noise=noise)
+        weighed = gap_tv(holdout.every_seen, settings.decode, noise=noise)
         if (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             decoded, known = weighed, noise
-    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.every_shot, uncoupled, noise=known))}
-    if LeftOut.COUPLED_DECODE in settings.left_out:
-        return found
-    others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
-    least, best = holdout.residual_rms(decoded) or 0.0, None
-    for one in others:
-        blind = gap_tv(holdout.every_seen, one, noise=known)
-        left = holdout.residual_rms(blind) or 0.0
-        if left < least:
-            least, best = left, (one, blind)
-    if best is not None:
-        found["coupled decode"] = Candidate(best[1], gap_tv(holdout.every_shot, best[0], noise=known))
-    return found
+    return Candidate(decoded, gap_tv(holdout.every_shot, settings.decode, noise=known))

@@ -76,7 +76,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.MATCHES_IN_A_LONGER_DECODE: "features of all pairs of views are matched again in a longer decode",
     },
     "depth-order": {
-        LeftOut.SHORT_FITS_OF_BOTH_ORDERS: "short fits from both orders of depth choose one where tracks do not",
         LeftOut.OCCLUSION: "whole fits of both orders of depth show which one hides what the views do not show",
     },
     "path-from-fits": {
@@ -90,7 +89,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "combination": {
         LeftOut.ERRORS_OVER_TIME: "views that surely err over time are replaced by those of the decode",
         LeftOut.CANCELLING_ERRORS: "where patches explained much, errors of scenes are taken to cancel along the views",
-        LeftOut.COUPLED_DECODE: "the decode that may join the delivered views may smooth between consecutive views",
     },
     "residual-and-polish": {
         LeftOut.DECODE_WEIGHS_NOISE: "the decode that may join the delivered views weighs the noise of the readings",

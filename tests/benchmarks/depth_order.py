@@ -5,9 +5,9 @@
 Sixty measurements of random scenes, 128 × 96 px: fields of view from 10° to 60°, parallax from 1 to 20 px, on a
 simulated bench or of a light field's rail, whose cameras stay parallel and whose sensors may be shifted so that a plane
 stays fixed in the image. For each: the result of the tracks, the certainty of the order in standard errors, the rank
-correlation of depth with the truth before and after both orders were tried and of the finished scene, and the finding
-in the report. One reconstruction per core, one thread each. `GS2CI_BEFORE_THE_FIT=1` stops once the order is decided,
-and takes a tenth of the time; `GS2CI_SEED` draws other measurements.
+correlation of depth with the truth by the tracks and of the finished scene, and the finding in the report. One
+reconstruction per core, one thread each. `GS2CI_BEFORE_THE_FIT=1` stops at the order with which fits begin, and takes
+a tenth of the time; `GS2CI_SEED` draws other measurements.
 """
 
 import os

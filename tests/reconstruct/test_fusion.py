@@ -15,7 +15,7 @@ from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.combination import Candidate
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
-from gs2ci.reconstruct.fusion import _decodes, _polished, hand_over, polish_seconds
+from gs2ci.reconstruct.fusion import _decoded, _polished, hand_over, polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.presets.budget import Budget
@@ -82,7 +82,7 @@ def test_it_is_never_clearly_under_the_better_of_decode_and_scene(noise, sigma_p
 
 
 def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
-    truth = moving()
+    truth = moving(sigma_px=3.0)
     first = look_at(truth)
     given = handed(first, moving(seed=9))
     assert given.verdict == "decode"
@@ -134,7 +134,7 @@ def test_a_brief_decode_that_has_no_share_as_it_is_is_not_gone_on_with(monkeypat
     truth = moving()
     first = by_patches(look_at(truth))
     monkeypatch.setattr("gs2ci.reconstruct.fusion._FAR_OFF", np.inf)
-    monkeypatch.setattr("gs2ci.reconstruct.fusion._decodes", None)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion._decoded", None)
     assert handed(first, truth).verdict == "refined"
 
 
@@ -181,10 +181,10 @@ def test_noise_is_weighed_in_a_decode_where_held_out_pixels_bear_it_out():
     truth = moving(sigma_px=3.0)
     first = look_at(truth, 0.3, share=0.2)
     known, none = noise_of_readings(first.holdout, truth), np.zeros_like(first.holdout.shot.measurement)
-    weighed, plain = (_decodes(first, SETTINGS, noise)["decode"] for noise in (known, none))
+    weighed, plain = (_decoded(first, SETTINGS, noise) for noise in (known, none))
     assert psnr(weighed.full, truth) > psnr(plain.full, truth) + 1
     assert first.holdout.residual_rms(weighed.blind) < first.holdout.residual_rms(plain.blind)
-    far_too_much = _decodes(first, SETTINGS, 1000 * known)["decode"]
+    far_too_much = _decoded(first, SETTINGS, 1000 * known)
     np.testing.assert_array_equal(far_too_much.blind, first.decoded)
     np.testing.assert_array_equal(far_too_much.full, gap_tv(first.holdout.shot, SETTINGS.decode))
 
@@ -225,7 +225,7 @@ def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
 
 def test_nothing_is_polished_where_the_decode_is_all_that_would_be_handed_over(monkeypatch):
     monkeypatch.setattr("gs2ci.reconstruct.fusion._polished", None)
-    assert handed(look_at(moving()), moving(seed=9)).verdict == "decode"
+    assert handed(look_at(moving(sigma_px=3.0)), moving(seed=9)).verdict == "decode"
 
 
 def test_where_the_scene_errs_over_time_and_the_decode_does_not_its_views_are_handed_over(unfollowed):

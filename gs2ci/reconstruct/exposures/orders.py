@@ -5,7 +5,8 @@ farther away: in the wrong order a picture is not warped onto theirs, and fewer 
 in a row, the one whose order was wrong had 440 corners in common with its neighbours and 650 in the other order; the
 seven right ones lost 20 to 60 % by exchanging it.
 
-Here: which exposures are turned. Not here: pairs (`pairs`), the order by short fits (`hypotheses.order`).
+Here: which exposures are turned. Not here: pairs (`pairs`), the order within one exposure
+(`hypotheses.order`).
 """
 
 from collections.abc import Mapping

@@ -10,7 +10,7 @@ camera model right. Occlusion, which only pixels show. And the turn: a camera th
 turns, and the picture moves against its travel everywhere; in the reversed order, the same picture would move with the
 travel, because the turn would move it more than the parallax of the nearest point. Here: the reversal of a geometry,
 and how much of the picture's motion its travel explains. Not here: the reversal of a motion, and how much tracks prefer
-it (`motion`), the comparison by pixels (`hypotheses/order.py`).
+it (`motion`), which order is taken (`hypotheses/order.py`).
 """
 
 from dataclasses import replace

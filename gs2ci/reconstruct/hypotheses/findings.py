@@ -15,19 +15,12 @@ def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]
         order: What is known.
         geometry: That of the result.
     """
-    errors = order.errors or 0.0
     if not geometry.has_path:
         return ()
     if order.state == DepthOrder.OPEN:
-        return (finding(Code.DEPTH_ORDER_OPEN, errors=errors),)
+        return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors or 0.0),)
     if order.state == DepthOrder.UNTRIED:
         return (finding(Code.DEPTH_ORDER_UNTRIED),)
-    if order.state == DepthOrder.TURNED:
-        return (finding(Code.DEPTH_ORDER_TURNED, errors=errors),)
-    if order.state == DepthOrder.CONTRADICTED:
-        return (finding(Code.POSES_SIGN_CONTRADICTED, source=geometry.source, less=order.less),)
-    if order.state == DepthOrder.SHOWN:
-        return (finding(Code.DEPTH_ORDER_SHOWN, errors=errors, times=order.times),)
     if order.state == DepthOrder.LIKELY:
         return (finding(Code.DEPTH_ORDER_LIKELY, times=order.times),)
     return ()

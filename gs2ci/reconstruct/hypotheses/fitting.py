@@ -1,8 +1,8 @@
 """The fits of one reconstruction: what they share, and all that is done with them.
 
 Here: `Fits`: where they start, a hypothesis entered as a fit that can be paused, several continued side by side, their
-mean, short fits that settle the order of depth, fits within a budget, the fine stage. Not here: the order of these
-steps (`pipeline`), which hypotheses there are and which go on (`race`), what a fit is (`fit/coarse/stage.py`).
+mean, fits within a budget, the fine stage. Not here: the order of these steps (`pipeline`), which hypotheses there are
+and which go on (`race`), what a fit is (`fit/coarse/stage.py`).
 """
 
 import math
@@ -11,10 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import NumericsError
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
@@ -34,7 +32,7 @@ from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
-from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, is_open, mean_square, settle, shortened
+from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, in_likelier_order, is_open
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.presets.budget import Budget
@@ -108,60 +106,33 @@ class Fits:
     pace: Pace | None = None
 
     def order_of(self, first: FirstLook) -> tuple[FirstLook, OrderFound]:
-        """Settle the order of depth by short fits if a first look leaves it open.
+        """Return a first look in the likelier order of depth if its order is open, and what is known of it.
 
-        If the settings say not to try both orders, an estimated path keeps its doubt. Poses given by a
-        stage are not tested. Poses from a file settle the sign themselves, so no doubt is reported. Short fits never
-        reverse a path that no tracks confirm.
+        Given poses settle the sign themselves. A path that no tracks confirm is never reversed.
         """
         geometry = first.geometry
         if self.settings.withheld is not None or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
-        if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
-            return first, OrderFound(DepthOrder.OPEN, abs(geometry.order_errors or 0.0))
         if not self.tries_orders:
-            return first, OrderFound(DepthOrder.UNTRIED if geometry.is_estimated else DepthOrder.SETTLED)
+            return first, OrderFound(DepthOrder.UNTRIED)
         if geometry.is_uniform:
             return first, OrderFound(DepthOrder.OPEN, 0.0)
-        self.progress.say("Near and far may be exchanged: short fits compare both orders of depth.")
-        # Depths of further views belong to one order only.
-        plain = replace(first, geometry=replace(geometry, view_depths=()))
-        found, order = settle(plain.geometry, lambda one: self._begun(plain, one), self._fit_briefly)
-        self.clock.lap("fit")
-        kept = replace(found, view_depths=geometry.view_depths) if order.state == DepthOrder.SETTLED else found
-        return replace(first, geometry=kept), order
+        likelier = in_likelier_order(geometry)
+        return replace(first, geometry=likelier), OrderFound(DepthOrder.OPEN, likelier.order_errors)
 
     @property
     def tries_orders(self) -> bool:
         """Get whether both orders of depth may be tried."""
         return self.settings.try_orders and self.settings.fit.iterations >= LEAST_SCHEDULE
 
-    def occlusion(self, fit: CoarseFit, shown: Sequence[F32]) -> list[Occlusion]:
-        """Find what each of several stacks of views, [N, H, W, C], shows where surfaces of a fit hide one another."""
+    def occlusion(self, fit: CoarseFit, shown: F32) -> Occlusion:
+        """Find what views, [N, H, W, C], show where surfaces of a fit hide one another."""
         shot = self.fitted.shot
         backend = load_backend(self.settings.backend, self.settings.raster)
         renderer = ShotRenderer(shot, fit.intrinsics, backend, self.lens, self.mask_moments)
         depth = renderer.depths(fit.scene, fit.world_to_camera)
         distortion = None if self.lens is None else shot.distortion
-        return [occlusion(views, depth, fit.world_to_camera, fit.intrinsics, distortion) for views in shown]
-
-    def _begun(self, first: FirstLook, geometry: Geometry) -> tuple[Geometry, Gaussians]:
-        return self.beginning(replace(first, geometry=geometry), first.decoded)
-
-    def _fit_briefly(self, begun: tuple[Geometry, Gaussians], number: int) -> float:
-        """Fit from a geometry and its first Gaussians briefly; return the mean square of the residual.
-
-        Infinite if the fit diverges.
-        """
-        geometry, start = begun
-        trying = replace(self._trying(shortened(self.settings.fit)), mask_moments=None)
-        member = members(start, self.settings.density_rules[:1], number + 1, self.settings.seed)[number]
-        run = trying.run_of(geometry, member, Silent())
-        try:
-            run.advance()
-        except NumericsError:
-            return math.inf
-        return mean_square(self.fitted, run.result().views)
+        return occlusion(shown, depth, fit.world_to_camera, fit.intrinsics, distortion)
 
     def timed(self, first: FirstLook) -> Timed:
         """Time a few iterations of a fit from a first look, and a look at the held-out pixels."""

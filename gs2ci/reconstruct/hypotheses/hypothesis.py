@@ -27,15 +27,9 @@ class DepthOrder(StrEnum):
     """What is known of the order of depth, near against far."""
 
     SETTLED = "settled"
-    """A stage gave it, tracks or short fits are sure of it, or there is no depth."""
-    TURNED = "turned over"
-    """Short fits are sure of the order opposite to that of the tracks."""
-    CONTRADICTED = "contradicted"
-    """Short fits are sure of the order opposite to that of a file."""
-    SHOWN = "shown"
-    """Two whole fits, one of each order, show which surfaces hide which."""
+    """A stage gave it, tracks are sure of it, or there is no depth."""
     LIKELY = "likely"
-    """They do, but only in the views of one of them, or by a single thing that may have moved."""
+    """Of two whole fits, one of each order, one hides what the views do not show."""
     OPEN = "open"
     UNTRIED = "untried"
     """It is open, and nothing was done about it."""
@@ -60,13 +54,11 @@ class OrderFound:
         state: What is known.
         errors: By how many standard errors the order that is used is preferred.
         times: How many times as much evidence whole fits show for it.
-        less: The share by which short fits leave less in this order.
     """
 
     state: DepthOrder = DepthOrder.SETTLED
     errors: float | None = None
     times: float = 0.0
-    less: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

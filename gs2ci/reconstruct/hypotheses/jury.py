@@ -27,7 +27,7 @@ from gs2ci.reconstruct.hypotheses.moving import (
     rested,
     speaks_for_motion,
 )
-from gs2ci.reconstruct.hypotheses.turned import explain_alike, shown_by
+from gs2ci.reconstruct.hypotheses.turned import explain_alike, told_by
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 
@@ -99,11 +99,11 @@ class Jury:
         refined = [fits.refine(result.views) for result in results]
         if not explain_alike(*(fits.holdout.residual_rms(views) for views in refined)):
             return None
-        one_fit, other_fit = (fits.occlusion(result, refined) for result in results)
+        one_fit, other_fit = (fits.occlusion(*seen) for seen in zip(results, refined, strict=True))
         if not self._settings.may_move:
-            return shown_by(one_fit, other_fit)
+            return told_by(one_fit, other_fit)
         moves = [ask(fits.holdout, result.views).pixels(fits.holdout.shot.size) for result in results]
-        return shown_by(one_fit, other_fit, moves[0] | moves[1])
+        return told_by(one_fit, other_fit, moves[0] | moves[1])
 
     def counting(self, field: Sequence[Entrant]) -> list[Entrant]:
         """Return those whose views count in the mean: other hypotheses unless they surely raise its residual.

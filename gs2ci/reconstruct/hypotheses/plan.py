@@ -27,9 +27,9 @@ from gs2ci.reconstruct.presets.budget import GROWS_BY
 _SAMPLES: Final = (np.arange(16) + 0.5) / 16
 # Scenes that move cost so many times as much: each of their Gaussians moves between the masks.
 _MOVING_COSTS: Final = 1.3
-# Decodes that follow the fits (noise weighed, coupled views, all pixels), by the seconds of the first; after one by
-# patches there are a few last steps alone.
-_DECODES_AFTERWARDS: Final = 4.0
+# Decodes that follow the fits (noise weighed, all pixels), by the seconds of the first; after one by patches there are
+# a few last steps alone.
+_DECODES_AFTERWARDS: Final = 2.0
 _LAST_STEPS: Final = 0.3
 
 
@@ -117,7 +117,7 @@ def _second(fits: Fits, first: FirstLook, order: OrderFound, alone_s: float, bes
         if needs_rest(first):
             yield PlannedStep(Origin.REST.value, QUARTER * alone_s, "no tracks confirm the motion")
     elif order.state == DepthOrder.OPEN and fits.tries_orders:
-        yield PlannedStep(Origin.TURNED.value, beside_s or alone_s, "tracks and short fits leave it open")
+        yield PlannedStep(Origin.TURNED.value, beside_s or alone_s, "tracks leave it open")
     elif count > 1:
         yield PlannedStep(f"{Origin.COMPANION.value} ({count - 1} more)", beside_s, "the mean of fits errs less")
 

@@ -339,7 +339,7 @@ class Race:
         chosen = leader.hypothesis.origin.value if moves or leader.hypothesis.moves else STILL
         motion = MotionReport(self._settings.motion, asked, tuple(residuals.items()), chosen, moves=moves)
         geometry = leader.geometry
-        if order.state in (DepthOrder.SHOWN, DepthOrder.LIKELY, DepthOrder.OPEN):
+        if order.state in (DepthOrder.LIKELY, DepthOrder.OPEN):
             geometry = replace(geometry, order_errors=order.errors)
         return Raced(first, leader.hypothesis.look, geometry, fits, ensemble, order, motion, self._course())
 

@@ -81,7 +81,7 @@ class Budget:
             long_decode=None,
             fine=None,
             motion="off" if settings.motion == "auto" else settings.motion,
-            left_out=(*settings.left_out, LeftOut.COUPLED_DECODE, LeftOut.DECODE_WEIGHS_NOISE),
+            left_out=(*settings.left_out, LeftOut.DECODE_WEIGHS_NOISE),
         )
 
     def fit(

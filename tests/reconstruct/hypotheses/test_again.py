@@ -109,7 +109,7 @@ def test_a_path_that_was_not_found_is_found_in_the_views_of_a_fit_with_both_orde
     found = again.geometry
     assert found.verdict == "full"
     assert np.linalg.norm(found.world_to_camera[-1, :3, 3]) > 0
-    # Its order is left to short fits of both.
+    # Its order is left open.
     assert found.order_errors is None
     assert PLANE_NOTE not in found.notes
     assert found.notes[-1] == finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)

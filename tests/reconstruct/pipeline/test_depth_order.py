@@ -1,4 +1,4 @@
-"""A small motion whose order of depth tracks and short fits leave open: whole fits of both orders tell it."""
+"""A small motion whose order of depth tracks leave open: whole fits of both orders tell it."""
 
 from gs2ci.core.findings import Code
 from gs2ci.reconstruct.hypotheses import jury
@@ -9,14 +9,14 @@ from tests.tables.order import depth_rank
 
 
 def test_what_hides_what_tells_near_from_far_where_nothing_else_does(monkeypatch):
-    """4.8 px of parallax in a field of view of 24°: short fits prefer neither order, and one panel hides the wall."""
-    told, shown_by = [], jury.shown_by
+    """4.8 px of parallax in a field of view of 24°: tracks prefer neither order, and one panel hides the wall."""
+    told, told_by = [], jury.told_by
 
     def watched(*seen):
-        told.append(shown_by(*seen))
+        told.append(told_by(*seen))
         return told[-1]
 
-    monkeypatch.setattr(jury, "shown_by", watched)
+    monkeypatch.setattr(jury, "told_by", watched)
     trial = draw(3, 31)
     found = reconstruct(trial.shot, Settings(motion="off")).result
     assert depth_rank(found.depth[trial.shot.views // 2], trial.scene.depth) > 0.4

@@ -143,17 +143,6 @@ def doubted_things(things: I64, doubted: Bool) -> Bool:
     return found
 
 
-def is_one_things_word(one: Occlusion, other: Occlusion, things: I64) -> bool:
-    """Tell whether the first of two fits has twice the evidence of the other one only by the thing that has most.
-
-    A single thing may have moved by itself, and an edge may belong to the plain surface on either side of it.
-    """
-    more = np.bincount(things.ravel(), (one.evidence - other.evidence).ravel())
-    most = things == 1 + int(np.argmax(more[1:])) if len(more) > 1 else things > 0
-    rest, others = one.without(most).total, other.without(most).total
-    return not rest > max(_TIMES * others, 0.0)
-
-
 @dataclass(frozen=True, eq=False)
 class _Camera:
     """A camera that carries depth maps from one pose to another."""

@@ -47,7 +47,7 @@ class Criteria:
             Simulated scenes with texture all over the frame stay below it; small boxes in front of plain walls, whose
             paths err by 7 to 20 %, do not.
         order_errors: By so many standard errors tracks must prefer an order of depth for it to be accepted without
-            short fits. They preferred a wrong order by up to 4, with a principal point that moved and a narrow field of
+            a doubt. They preferred a wrong order by up to 4, with a principal point that moved and a narrow field of
             view.
 
     Further criteria for a geometry that a model predicted (`paper.hierarchy`):

@@ -10,7 +10,6 @@ from gs2ci.core.lens import slopes_of, undistorted
 from gs2ci.reconstruct.geometry.depth.occlusion import (
     Occlusion,
     doubted_things,
-    is_one_things_word,
     occlusion,
     preferred,
     things,
@@ -177,11 +176,3 @@ def test_a_thing_of_which_a_part_is_doubted_is_doubted_as_a_whole():
     np.testing.assert_array_equal(found, LEFT)
     assert SHOWS_TWO.without(found).total == 4
     assert SHOWS_TWO.without(found).variance == SHOWS_TWO.variance
-
-
-def test_one_of_two_things_does_not_have_the_only_word():
-    apart = things(SHOWS_TWO, SHOWS_NONE)
-    assert not is_one_things_word(SHOWS_TWO, SHOWS_NONE, apart)
-    assert is_one_things_word(SHOWS_TWO.without(LEFT), SHOWS_NONE, apart)
-    assert is_one_things_word(SHOWS_TWO, SHOWS_TWO.without(LEFT), apart)  # only the left one speaks for the first
-    assert is_one_things_word(SHOWS_NONE, SHOWS_NONE, np.zeros_like(apart))

@@ -1,29 +1,26 @@
-"""How often an order of depth that whole fits show is the wrong one, on drawn scenes.
+"""How often the order of depth that whole fits say is likelier is the wrong one, on drawn scenes.
 
-    python -m tests.benchmarks order_shown
+    python -m tests.benchmarks order_likely
 
 Measurements of 64 × 96 px: planes, rooms, thickets, balls, corridors, a box in a plain room, and things that move by
-themselves; parallaxes of 1 to 8 px, fields of view of 20° to 60°. Tracks and short fits are not asked, so that each
-path gets whole fits of both orders, and every second ten begins with the order of its tracks turned over. For each:
-what the own views of either fit say alone, what is said when things and the views of both are asked, and whether that
-order is right. `GS2CI_COUNT` draws fewer or more than 40, `GS2CI_SEED` others.
+themselves; parallaxes of 1 to 8 px, fields of view of 20° to 60°. Tracks are not asked, so that each path gets whole
+fits of both orders, and every second ten begins with the order of its tracks turned over. For each: what is said, and
+whether that order is right. `GS2CI_COUNT` draws fewer or more than 40, `GS2CI_SEED` others.
 """
 
 import os
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import Bool
+from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, preferred
 from gs2ci.reconstruct.geometry.reversal import turned as turned_geometry
-from gs2ci.reconstruct.hypotheses import fitting, jury, race, turned
-from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
+from gs2ci.reconstruct.hypotheses import fitting, race
+from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -56,78 +53,43 @@ KINDS: Final = (
     "corridor",
     "moving thicket",
 )
-
-
 _ORDER_OF: Final = fitting.Fits.order_of
-
-
-@dataclass
-class Seen:
-    """What the jury saw and said of two whole fits.
-
-    Args:
-        before: Whether it would take the first of them by their own views alone; None: not clear.
-        after: Whether it takes it, and what it says; None: open.
-        asked: Whether there were two.
-    """
-
-    before: bool | None = None
-    after: tuple[bool, OrderFound] | None = None
-    asked: bool = False
 
 
 def run() -> None:
     """Reconstruct all draws, print a row for each, and count."""
     counts: Counter[str] = Counter()
-    for line, before, after in side_by_side(judge, range(COUNT)):
-        counts[f"own views: {before}"] += 1
-        counts[f"now: {after}"] += 1
+    for line, said in side_by_side(judge, range(COUNT)):
+        counts[said] += 1
         print(line, flush=True)
-    print(", ".join(f"{what} {count}" for what, count in sorted(counts.items())))
+    print(", ".join(f"{what}: {count}" for what, count in sorted(counts.items())))
 
 
-def judge(number: int) -> tuple[str, str, str]:
-    """Reconstruct a draw; return its row, and what was and is said of its order."""
+def judge(number: int) -> tuple[str, str]:
+    """Reconstruct a draw; return its row, and what is said of its order."""
     kind, parallax_px, shot, scene = draw(number)
-    seen = Seen()
-    _watch(seen, turn=number // len(KINDS) % 2 == 1)
-    settings = Settings(left_out=(LeftOut.SHORT_FITS_OF_BOTH_ORDERS,), uncertainty=False)
+    _turn_first_looks(turn=number // len(KINDS) % 2 == 1)
+    settings = Settings(uncertainty=False)
     never_sure = replace(settings.geometry.criteria, order_errors=np.inf)
-    settings = replace(settings, geometry=replace(settings.geometry, criteria=never_sure))
-    depth = reconstruct(shot, settings).result.depth
-    right = None if depth is None else depth_rank(depth[MASKS // 2], scene.depth) > 0
-    takes_first = True if seen.after is None else seen.after[0]
-    before, after = "not asked", "not asked"
-    if seen.asked and right is not None:
-        of_first = right == takes_first
-        before = "open" if seen.before is None else _named("shown", right=of_first == seen.before)
-        after = "open" if seen.after is None else _named(seen.after[1].state.value, right=right)
-    return f"{number:3} {kind:15} {parallax_px:4.1f} px  own views: {before:12}  now: {after}", before, after
+    found = reconstruct(shot, replace(settings, geometry=replace(settings.geometry, criteria=never_sure))).result
+    said = "no depth"
+    if found.depth is not None:
+        right = depth_rank(found.depth[MASKS // 2], scene.depth) > 0
+        likely = any(note.code is Code.DEPTH_ORDER_LIKELY for note in found.notes)
+        said = f"{DepthOrder.LIKELY if likely else DepthOrder.OPEN}, {'right' if right else 'wrong'}"
+    return f"{number:3} {kind:15} {parallax_px:4.1f} px  {said}", said
 
 
-def _named(state: str, *, right: bool) -> str:
-    return f"{state}, {'right' if right else 'wrong'}"
+def _turn_first_looks(*, turn: bool) -> None:
+    """Let no fit wait for a question of motion, and turn first looks over if asked."""
 
-
-def _watch(seen: Seen, *, turn: bool) -> None:
-    """Record what the jury is shown, let no fit wait for a question of motion, and turn first looks over if asked."""
-
-    def order_of(fits: fitting.Fits, first: FirstLook, *, hurried: bool) -> tuple[FirstLook, OrderFound]:
-        look, order = _ORDER_OF(fits, first, hurried=hurried)
-        is_open = order.state == order.state.OPEN
-        return (replace(look, geometry=turned_geometry(look.geometry)) if turn and is_open else look), order
-
-    def shown_by(
-        one: list[Occlusion], other: list[Occlusion], moves: Bool | None = None
-    ) -> tuple[bool, OrderFound] | None:
-        told = preferred(one[0], other[1])
-        seen.asked, seen.before = True, None if told is None else told.first
-        seen.after = turned.shown_by(one, other, moves)
-        return seen.after
+    def order_of(fits: fitting.Fits, first: FirstLook) -> tuple[FirstLook, OrderFound]:
+        look, order = _ORDER_OF(fits, first)
+        turns = turn and order.state == DepthOrder.OPEN
+        return (replace(look, geometry=turned_geometry(look.geometry)) if turns else look), order
 
     fitting.Fits.order_of = order_of  # type: ignore[method-assign]
     race.Race._may_wait = lambda *_: False  # type: ignore[method-assign]
-    jury.shown_by = shown_by  # type: ignore[assignment]
 
 
 def draw(number: int) -> tuple[str, float, Shot, Scene]:
