@@ -11,7 +11,6 @@ from functools import lru_cache
 import numpy as np
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
@@ -40,10 +39,9 @@ class Scale:
 
     size: tuple[int, int]
     iterations: int
-    decode_steps: int = PatchSettings().iterations
 
 
-QUICK = Scale((48, 64), 60, decode_steps=24)
+QUICK = Scale((48, 64), 60)
 FULL = Scale((72, 96), 250)
 
 

@@ -44,7 +44,6 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.sureness import ORDER_OPEN
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -141,10 +140,7 @@ def settings_for(scale: Scale) -> Settings:
     """Return the settings of a run at this scale."""
     look_every = max(10, scale.iterations // 10)
     hold_out = HoldOut(share=0.04, look_every=look_every, patience=3 * look_every, growth_patience=look_every)
-    return Settings(
-        long_decode=PatchSettings(iterations=scale.decode_steps),
-        fit=CoarseSettings(iterations=scale.iterations, densify_every=2 * look_every, hold_out=hold_out),
-    )
+    return Settings(fit=CoarseSettings(iterations=scale.iterations, densify_every=2 * look_every, hold_out=hold_out))
 
 
 def judge(case: Case, scale: Scale) -> Outcome:

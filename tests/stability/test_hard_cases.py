@@ -12,7 +12,6 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -21,10 +20,7 @@ from tests.stability.judge import AGAINST_HELDOUT
 
 pytestmark = pytest.mark.slow
 
-QUICK = Settings(
-    long_decode=PatchSettings(iterations=24),
-    fit=CoarseSettings(iterations=40, densify_every=10, hold_out=HoldOut(share=0.05, look_every=10)),
-)
+QUICK = Settings(fit=CoarseSettings(iterations=40, densify_every=10, hold_out=HoldOut(share=0.05, look_every=10)))
 SIZE = (36, 44)
 FOCAL_PX = 40.0
 
