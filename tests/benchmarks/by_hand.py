@@ -1,9 +1,8 @@
 """Own code for which a library has a function: a comparison with the library.
 
 MAT files of version 5 whose bytes were damaged: how often scipy's reader and ours end the process. Gray-code stripes:
-OpenCV's patterns against ours. FFDNet as ONNX: the graph that torch's exporter traces against ours. A chart of a page:
-matplotlib's SVG against ours. And the other way round: the golden section that was written by hand against scipy's
-search, for the focal length.
+OpenCV's patterns against ours. A chart of a page: matplotlib's SVG against ours. And the other way round: the golden
+section that was written by hand against scipy's search, for the focal length.
 Decision: `docs/decisions`, "Formats and graphs written by hand".
 """
 
@@ -19,11 +18,8 @@ from pathlib import Path
 import cv2
 import matplotlib
 import numpy as np
-import onnx
-import onnxruntime
 import scipy.io
 import scipy.optimize
-import torch
 from matplotlib.figure import Figure
 
 from gs2ci.core.errors import Gs2ciError
@@ -31,7 +27,6 @@ from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.evaluate.pages.charts import Chart, Line, chart_svg
 from gs2ci.reconstruct.geometry.path import focal
 from gs2ci.reconstruct.geometry.path.motion import MotionSettings
-from gs2ci.reconstruct.learned.ffdnet import Convolution, FfdNet, export_ffdnet
 from gs2ci_calibration.masks.gray_code import GrayCode
 from tests.reconstruct.conftest import bent_path, make_tracks
 
@@ -42,7 +37,6 @@ def run() -> None:
     """Print all comparisons."""
     with tempfile.TemporaryDirectory() as folder:
         _damaged_mat(Path(folder))
-        _ffdnet(Path(folder))
     _gray_code()
     _chart()
     _focal()
@@ -94,45 +88,6 @@ def _by_ours(path: Path) -> None:
             found.load(key)
     except Gs2ciError:
         return
-
-
-def _ffdnet(folder: Path) -> None:
-    torch.manual_seed(0)
-    shapes = ((8, 5), (8, 8), (4, 8))
-    network = FfdNet(tuple(Convolution(torch.randn(o, i, 3, 3) / 10, torch.randn(o) / 10) for o, i in shapes))
-    traced, names = io.BytesIO(), {"noisy": {0: "n", 2: "h", 3: "w"}, "sigma": {0: "n"}, "denoised": {0: "n"}}
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        torch.onnx.export(
-            _Module(network),
-            (torch.rand(2, 1, 16, 24), torch.rand(2)),
-            traced,
-            input_names=["noisy", "sigma"],
-            output_names=["denoised"],
-            dynamic_axes=names,
-            dynamo=False,
-        )
-    graphs = {"torch.onnx": traced.getvalue(), "export_ffdnet": export_ffdnet(network, folder / "a.onnx").read_bytes()}
-    given = {"noisy": np.ones((3, 1, 40, 64), np.float32), "sigma": np.full(3, 0.1, np.float32)}
-    onnxruntime.set_default_logger_severity(4)
-    for name, graph in graphs.items():
-        try:
-            onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"]).run(None, given)
-            outcome = "runs"
-        except onnxruntime.capi.onnxruntime_pybind11_state.InvalidArgument as error:
-            outcome = f"fails ({str(error).splitlines()[0][-60:]})"
-        nodes = len(onnx.load_from_string(graph).graph.node)
-        print(f"FFDNet, {name}: {nodes} nodes; on another number of images it {outcome}")
-    print("torch.onnx warns:", *sorted({str(one.message)[:70] for one in said}), sep="\n    ")
-
-
-class _Module(torch.nn.Module):
-    def __init__(self, network: FfdNet) -> None:
-        super().__init__()
-        self._network = network
-
-    def forward(self, noisy: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
-        return self._network(noisy, sigma)
 
 
 def _gray_code() -> None:

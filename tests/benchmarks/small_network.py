@@ -11,7 +11,6 @@ training and of judging are different ones.
 
 import sys
 import time
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -23,7 +22,7 @@ from torch import Tensor, nn
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.learned.onnx_models import OPSET
+from gs2ci.reconstruct.learned.onnx_models import trace
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from tests.tables.cases import Case
 
@@ -105,18 +104,8 @@ def export(network: nn.Module, path: Path) -> Path:
     """Write a network as ONNX with open views, height and width."""
     given = (torch.rand(1, 1, 16, 24), torch.rand(1, 5, 16, 24), torch.ones(1, 1, 16, 24))
     plane = {2: "height", 3: "width"}
-    with warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # that another exporter exists
-        torch.onnx.export(
-            network.eval(),
-            given,
-            str(path),
-            input_names=["y", "phi", "total"],
-            output_names=["views"],
-            dynamic_axes={"y": plane, "phi": {1: "views", **plane}, "total": plane, "views": {1: "views", **plane}},
-            opset_version=OPSET,
-            dynamo=False,
-        )
+    axes = {"y": plane, "phi": {1: "views", **plane}, "total": plane, "views": {1: "views", **plane}}
+    trace(network, dict(zip(("y", "phi", "total"), given, strict=True)), ["views"], axes, str(path))
     return path
 
 

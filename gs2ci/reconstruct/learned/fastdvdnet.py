@@ -1,8 +1,7 @@
 """FastDVDnet (Tassano, Delon, Veit 2020): reading a user's trained weights and writing them as an ONNX video denoiser.
 
-Here: the network as its paper describes it, for any number of channels and of convolutions in a stage, and the ONNX
-graph. Not here: running the model (`onnx_video_denoiser`). The package `onnx` is needed to write a graph and imported
-only then.
+Here: the network as its paper describes it, for any number of channels and of convolutions in a stage. Not here: how
+its graph is traced (`onnx_models`), and running the model (`onnx_video_denoiser`).
 
 Five frames are denoised in two steps. A small U-Net takes three frames, each with a map of sigma, and returns the
 middle one; it is applied to frames 1 to 3, 2 to 4 and 3 to 5, and a second one of the same shape to the three results.
@@ -13,17 +12,14 @@ frame. Narrower variants with the same stages (LiteDVDNet) can be read as well.
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.whole_file import write_whole
-from gs2ci.reconstruct.learned.ffdnet import IR_VERSION
-from gs2ci.reconstruct.learned.onnx_models import OPSET
+from gs2ci.reconstruct.learned.onnx_models import onnx_package, write_traced
 from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
 
 FRAMES: Final = 5
@@ -76,7 +72,7 @@ class FastDvdNet:
 
         H and W must be multiples of 4.
         """
-        level = sigma.reshape(-1, 1, 1, 1).expand(len(frames), 1, *frames.shape[3:])
+        level = sigma.reshape(-1, 1, 1, 1).expand(frames.shape[0], 1, *frames.shape[3:])
         parts = list(frames.unbind(1))
         middle = [self.first(parts[i : i + _AT_ONCE], level) for i in range(FRAMES - _AT_ONCE + 1)]
         return self.second(middle, level)
@@ -113,8 +109,10 @@ def export_fastdvdnet(network: FastDvdNet, path: Path) -> Path:
         InputError: The package `onnx` is not installed.
         StorageError: The file cannot be written.
     """
-    content: bytes = _graph(network).SerializeToString()
-    return write_whole(path, content, parents=True)
+    onnx_package()
+    given = {"frames": torch.zeros(1, FRAMES, 3, 8, 8), "sigma": torch.zeros(1)}
+    axes = {"frames": {0: "n", 3: "h", 4: "w"}, "sigma": {0: "n"}, "denoised": {0: "n", 2: "h", 3: "w"}}
+    return write_traced(network, given, axes, path)
 
 
 def _stage_layers(modules: dict[str, dict[str, Tensor]]) -> tuple[NetworkLayer, ...]:
@@ -164,70 +162,3 @@ def _stride(stage: str, layer: int) -> int:
 def _groups(stage: str, layer: int) -> int:
     """Return the groups of a convolution: in the very first layer each frame has its own filters."""
     return _AT_ONCE if stage == "inc" and layer == 0 else 1
-
-
-class _Writer:
-    """Collects the nodes and constants of a graph."""
-
-    def __init__(self, helper: Any) -> None:
-        self._node = helper.make_node
-        self.nodes: list[Any] = []
-        self.constants: dict[str, Any] = {}
-
-    def add(self, operator: str, inputs: list[str], **attributes: Any) -> str:
-        """Add a node; returns the name of its output."""
-        name = f"x{len(self.nodes)}"
-        self.nodes.append(self._node(operator, inputs, [name], **attributes))
-        return name
-
-    def stage(self, net: UNet, label: str, name: str, x: str) -> str:
-        for i, layer in enumerate(net.stages[name]):
-            weight, bias = (f"{label}.{name}.{i}.{part}" for part in ("weight", "bias"))
-            self.constants |= {weight: layer.convolution.weight.numpy(), bias: layer.convolution.bias.numpy()}
-            stride = _stride(name, i)
-            x = self.add("Conv", [x, weight, bias], pads=[1, 1, 1, 1], strides=[stride, stride], group=_groups(name, i))
-            x = self.add("Relu", [x]) if layer.rectified else x
-        return x
-
-    def net(self, net: UNet, label: str, frames: list[str], level: str) -> str:
-        doubled = {"blocksize": 2, "mode": "CRD"}
-        x0 = self.stage(net, label, "inc", self.add("Concat", [p for f in frames for p in (f, level)], axis=1))
-        x1 = self.stage(net, label, "downc0", x0)
-        deep = self.stage(net, label, "upc2", self.stage(net, label, "downc1", x1))
-        x2 = self.add("DepthToSpace", [deep], **doubled)
-        up = self.add("DepthToSpace", [self.stage(net, label, "upc1", self.add("Add", [x1, x2]))], **doubled)
-        noise = self.stage(net, label, "outc", self.add("Add", [x0, up]))
-        return self.add("Sub", [frames[len(frames) // 2], noise])
-
-
-def _graph(network: FastDvdNet) -> Any:
-    try:
-        from onnx import TensorProto, checker, helper, numpy_helper  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError("writing ONNX models needs the package onnx", remedy="pip install 'gs2ci[export]'") from error
-
-    writer = _Writer(helper)
-    writer.constants |= {"per_image": np.array([-1, 1, 1, 1]), "one": np.array([1])}
-    frames = []
-    for i in range(FRAMES):
-        writer.constants[f"frame{i}"] = np.array(i)
-        frames.append(writer.add("Gather", ["frames", f"frame{i}"], axis=1))
-    images = writer.add("Shape", [frames[0]], start=0, end=1)
-    sides = writer.add("Shape", [frames[0]], start=2, end=4)
-    shape = writer.add("Concat", [images, "one", sides], axis=0)
-    level = writer.add("Expand", [writer.add("Reshape", ["sigma", "per_image"]), shape])
-    middle = [writer.net(network.first, "first", frames[i : i + _AT_ONCE], level) for i in range(FRAMES - _AT_ONCE + 1)]
-    last = writer.net(network.second, "second", middle, level)
-    writer.nodes.append(helper.make_node("Identity", [last], ["denoised"]))
-    info = helper.make_tensor_value_info
-    graph = helper.make_graph(
-        writer.nodes,
-        "FastDVDnet",
-        [info("frames", TensorProto.FLOAT, ["n", FRAMES, 3, "h", "w"]), info("sigma", TensorProto.FLOAT, ["n"])],
-        [info("denoised", TensorProto.FLOAT, ["n", 3, "h", "w"])],
-        [numpy_helper.from_array(np.array(value, order="C"), name) for name, value in writer.constants.items()],
-    )
-    model = helper.make_model(graph, producer_name="gs2ci", opset_imports=[helper.make_opsetid("", OPSET)])
-    model.ir_version = IR_VERSION
-    checker.check_model(model)
-    return model

@@ -1,7 +1,7 @@
 """FFDNet (Zhang, Zuo, Zhang 2018): reading a user's trained weights and writing them as an ONNX denoiser.
 
-Here: the network as its paper describes it, the layouts of weight files, and the ONNX graph. Not here: running the
-model (`onnx_denoiser`). The package `onnx` is needed to write a graph and imported only then.
+Here: the network as its paper describes it, and the layouts of weight files. Not here: how its graph is traced
+(`onnx_models`), and running the model (`onnx_denoiser`).
 
 The network rearranges an image into four half-sized ones, adds a map of sigma, runs 3 × 3 convolutions with ReLU in
 between at that size, and rearranges back. Batch normalisations are folded into the convolutions before them. Files do
@@ -13,21 +13,18 @@ import re
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.whole_file import write_whole
-from gs2ci.reconstruct.learned.onnx_models import OPSET
+from gs2ci.reconstruct.learned.onnx_models import onnx_package, write_traced
 from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
 
-# Version of the file format, contemporary with the operator set.
-IR_VERSION: Final = 8
 _PROBE_SIGMA: Final = 25 / 255
 # With the right order and sign less than a fifth of the noise of a smooth image remains, with each wrong combination
 # more than twice the noise.
@@ -55,8 +52,10 @@ class FfdNet:
 
     def __call__(self, images: Tensor, sigma: Tensor) -> Tensor:
         """Denoise images, [N, C, H, W] with even H and W, of noise sigma, [N]: the readable definition of the graph."""
-        small = functional.pixel_unshuffle(images, 2)
-        level = sigma.reshape(-1, 1, 1, 1).expand(len(images), 1, *small.shape[2:])
+        # The four sub-images as torch's pixel_unshuffle has them, which its exporter knows for fixed sides only.
+        picked = torch.eye(4 * self.channels).reshape(-1, self.channels, 2, 2)
+        small = functional.conv2d(images, picked, stride=2)
+        level = sigma.reshape(-1, 1, 1, 1).expand(small.shape[0], 1, *small.shape[2:])
         x = torch.cat([level, small] if self.map_first else [small, level], dim=1)
         for i, layer in enumerate(self.layers):
             x = functional.conv2d(functional.relu(x) if i else x, layer.weight, layer.bias, padding=1)
@@ -99,8 +98,10 @@ def export_ffdnet(network: FfdNet, path: Path) -> Path:
         InputError: The package `onnx` is not installed.
         StorageError: The file cannot be written.
     """
-    content: bytes = _graph(network).SerializeToString()
-    return write_whole(path, content, parents=True)
+    onnx_package()
+    sides = {0: "n", 2: "h", 3: "w"}
+    given = {"noisy": torch.zeros(1, network.channels, 8, 8), "sigma": torch.zeros(1)}
+    return write_traced(network, given, {"noisy": sides, "sigma": {0: "n"}, "denoised": sides}, path)
 
 
 def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
@@ -157,53 +158,3 @@ def _probe_image() -> F64:
     disc = np.hypot(x - 0.4, y - 0.6) < 0.25
     image: F64 = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
     return image
-
-
-def _graph(network: FfdNet) -> Any:
-    try:
-        from onnx import TensorProto, checker, helper, numpy_helper  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError("writing ONNX models needs the package onnx", remedy="pip install 'gs2ci[export]'") from error
-
-    node = helper.make_node
-    parts = ["sigma_map", "small"] if network.map_first else ["small", "sigma_map"]
-    nodes = [
-        node("Conv", ["noisy", "unshuffle"], ["small"], strides=[2, 2]),
-        node("Shape", ["small"], ["images"], start=0, end=1),
-        node("Shape", ["small"], ["sides"], start=2, end=4),
-        node("Concat", ["images", "one", "sides"], ["map_shape"], axis=0),
-        node("Reshape", ["sigma", "per_image"], ["sigma_4d"]),
-        node("Expand", ["sigma_4d", "map_shape"], ["sigma_map"]),
-        node("Concat", parts, ["x0"], axis=1),
-    ]
-    constants = {"unshuffle": _unshuffle(network.channels), "one": np.array([1]), "per_image": np.array([-1, 1, 1, 1])}
-    last = len(network.layers) - 1
-    for i, layer in enumerate(network.layers):
-        constants |= {f"weight{i}": layer.weight.numpy(), f"bias{i}": layer.bias.numpy()}
-        nodes.append(node("Conv", [f"x{i}", f"weight{i}", f"bias{i}"], [f"y{i}"], pads=[1, 1, 1, 1]))
-        if i < last:
-            nodes.append(node("Relu", [f"y{i}"], [f"x{i + 1}"]))
-    restored = "restored" if network.predicts_noise else "denoised"
-    nodes.append(node("DepthToSpace", [f"y{last}"], [restored], blocksize=2, mode="CRD"))
-    if network.predicts_noise:
-        nodes.append(node("Sub", ["noisy", restored], ["denoised"]))
-    image: list[str | int | None] = ["n", network.channels, "h", "w"]
-    graph = helper.make_graph(
-        nodes,
-        "FFDNet",
-        [
-            helper.make_tensor_value_info("noisy", TensorProto.FLOAT, image),
-            helper.make_tensor_value_info("sigma", TensorProto.FLOAT, ["n"]),
-        ],
-        [helper.make_tensor_value_info("denoised", TensorProto.FLOAT, image)],
-        [numpy_helper.from_array(np.ascontiguousarray(value), name) for name, value in constants.items()],
-    )
-    model = helper.make_model(graph, producer_name="gs2ci", opset_imports=[helper.make_opsetid("", OPSET)])
-    model.ir_version = IR_VERSION
-    checker.check_model(model)
-    return model
-
-
-def _unshuffle(channels: int) -> F32:
-    """Make the 2 × 2 kernels that pick the four sub-images, in the order of torch's pixel_unshuffle."""
-    return np.eye(4 * channels, dtype=np.float32).reshape(4 * channels, channels, 2, 2)

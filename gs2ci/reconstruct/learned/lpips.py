@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import fixed_side, onnx_package, open_model, run_model, signature
 
 _CALLED: Final = "two images [1, 3, H, W] float32 in [-1, 1]; one number comes out"
 _TRIAL_SIDE: Final = 64  # four halvings leave four pixels
@@ -89,12 +89,7 @@ class _Graph:
     """A chain of operators as torch runs it."""
 
     def __init__(self, path: Path) -> None:
-        try:
-            import onnx  # noqa: PLC0415
-        except ImportError as error:
-            raise InputError(
-                "reading an LPIPS model needs the package onnx", remedy="pip install 'gs2ci[export]'"
-            ) from error
+        onnx = onnx_package("reading an LPIPS model")
         graph = onnx.load(str(path)).graph
         self._constants: dict[str, Tensor] = {
             one.name: _tensor(onnx.numpy_helper.to_array(one)) for one in graph.initializer

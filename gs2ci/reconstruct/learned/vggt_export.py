@@ -8,7 +8,6 @@ import importlib
 import pickle
 import shutil
 import tempfile
-import warnings
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +16,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError, NumericsError, StorageError
-from gs2ci.reconstruct.learned.onnx_models import OPSET
+from gs2ci.reconstruct.learned.onnx_models import onnx_package, trace
 from gs2ci.reconstruct.learned.vggt import LONGER_SIDE, Vggt
 
 # A protobuf holds at most 2 GB; larger weights are written to a second file.
@@ -108,27 +107,13 @@ def export_vggt(network: torch.nn.Module, path: Path, views: int = 8, side: int 
 
 def _write(wrapped: torch.nn.Module, images: Tensor, folder: Path, name: str, *, dynamic: bool) -> Path:
     """Trace and write into a folder of its own below `folder`; returns the file."""
-    try:
-        import onnx  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError("writing ONNX models needs the package onnx", remedy="pip install 'gs2ci[export]'") from error
+    onnx = onnx_package()
     traced, target = folder / f"traced-{dynamic}", folder / f"whole-{dynamic}"
     for made in (traced, target):
         made.mkdir()
-    axes = {key: {0: "views"} for key in ("images", "pose_enc", "depth")} if dynamic else None
-    with warnings.catch_warnings(), torch.no_grad():
-        # Tracing warns about each of the network's assertions, and that another exporter exists.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            wrapped,
-            (images,),
-            str(traced / name),
-            input_names=["images"],
-            output_names=["pose_enc", "depth"],
-            dynamic_axes=axes,
-            opset_version=OPSET,
-            dynamo=False,
-        )
+    outputs = ["pose_enc", "depth"]
+    axes = {key: {0: "views"} for key in ("images", *outputs)} if dynamic else None
+    trace(wrapped, {"images": images}, outputs, axes, str(traced / name))
     weights = sum(parameter.nbytes for parameter in wrapped.parameters())
     onnx.save(
         onnx.load(str(traced / name)),
