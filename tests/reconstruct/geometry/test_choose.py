@@ -20,6 +20,7 @@ from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.sources import sources
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
 
 # A coarse sweep: these tests are about poses.
@@ -28,8 +29,8 @@ QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
 
 @pytest.fixture(scope="module", autouse=True)
 def tracked_once():
-    """Track the same views once: what is asked here comes after."""
-    kept = {}
+    """Track the same views once, and seek a uniform motion in them once: what is asked here comes after."""
+    kept, seek, sought = {}, sources.uniform_motion, {}
 
     def found(views, intrinsics, settings, progress=None, known_poses=None, seen=None):
         if known_poses is not None or seen is not None:
@@ -40,8 +41,16 @@ def tracked_once():
         said(kept[key].notes, progress or Silent())
         return kept[key]
 
+    def uniform(request, tracks):
+        key = request.shot.measurement.tobytes(), request.views.tobytes(), tracks.intrinsics.tobytes()
+        if key not in sought:
+            sought[key] = seek(request, tracks)
+        return sought[key]
+
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(prior, "initialise", found)
+        for module in (choose, sources):
+            patched.setattr(module, "uniform_motion", uniform)
         yield
 
 
