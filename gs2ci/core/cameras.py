@@ -32,5 +32,4 @@ def camera_centres(world_to_camera: F64) -> F64:
 
 def in_world(in_camera: F64, world_to_camera: F64) -> F64:
     """Return points given in a camera's coordinates, [P, 3], in the world of its rigid pose, [4, 4]."""
-    points: F64 = (in_camera - world_to_camera[:3, 3]) @ world_to_camera[:3, :3]
-    return points
+    return (in_camera - world_to_camera[:3, 3]) @ world_to_camera[:3, :3]

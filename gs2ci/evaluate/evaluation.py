@@ -227,8 +227,7 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
     """Code views as the run did: with the weights that it corrected, if any."""
     lit = replace(shot, weights=shot.weights_by(brightness))
-    predicted: F32 = Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
-    return predicted
+    return Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
 
 
 def _notes(measured: MeasurementSection, shot: Shot) -> list[Finding]:

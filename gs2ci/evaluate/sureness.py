@@ -74,8 +74,7 @@ def errors_at(points: F64, depth: F32, errors: F32, cameras: Cameras) -> F32:
         found = np.minimum(found, share * np.abs(ahead))
     middle = cameras.world_to_camera[len(depth) // 2]
     away = np.linalg.norm(points @ middle[:3, :3].T + middle[:3, 3], axis=1)
-    stated: F32 = np.where(np.isfinite(found), found, UNKNOWN_DEPTH * away).astype(np.float32)
-    return stated
+    return np.where(np.isfinite(found), found, UNKNOWN_DEPTH * away).astype(np.float32)
 
 
 def figures_of_errors(result: RunResult) -> SurenessSection | None:

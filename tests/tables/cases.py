@@ -20,7 +20,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
 from gs2ci.core.storage import read_shot
 from gs2ci_sims.effects.motion_blur import MotionBlur

@@ -58,5 +58,4 @@ def _error(flows: F64, of: Readings, prior: Texture, brightness: float, spectrum
 def _spectrum(alike: float) -> F64:
     """Return the power of a texture of variance 1 at each frequency of a square."""
     far = np.minimum(np.arange(_SIDE_PX), _SIDE_PX - np.arange(_SIDE_PX))
-    found: F64 = np.maximum(np.fft.fft2(alike ** (far[:, None] + far)).real, _LEAST)
-    return found
+    return np.maximum(np.fft.fft2(alike ** (far[:, None] + far)).real, _LEAST)

@@ -266,8 +266,7 @@ def _slopes(picture: F64) -> tuple[F64, F64]:
 
 
 def _read(image: F64, at: tuple[F64, F64]) -> F64:
-    found: F64 = map_coordinates(image, at, order=1, mode="nearest")
-    return found
+    return map_coordinates(image, at, order=1, mode="nearest")
 
 
 def _precision(grid: tuple[int, int], prior: Texture) -> F64:
