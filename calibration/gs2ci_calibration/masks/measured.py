@@ -9,7 +9,7 @@ frames (`taking`), order and polarity (`checks`), masks predicted instead of mea
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum, unique
+from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +27,6 @@ IGNORANT_SE: Final = 1 / np.sqrt(12)
 """Standard error of a transmission that is unknown in [0, 1]."""
 
 
-@unique
 class PatternKind(IntEnum):
     """Patterns that are no masks; masks are numbered from 0."""
 
