@@ -153,8 +153,7 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
         "notes": _notes(run.report.measured, shot),
         "exposures": _of_exposures(run, evidence),
     }
-    plain: dict[str, Any] = plain_json(found)
-    return plain
+    return plain_json(found)
 
 
 def _of_views(run: FinishedRun, evidence: ReferenceData, chosen: slice) -> dict[str, Any]:

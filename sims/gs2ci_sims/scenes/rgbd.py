@@ -70,7 +70,7 @@ class DisparityPhoto:
 
         Scharstein et al., GCPR 2014; Middlebury's calibration files.
         """
-        return np.asarray((disparity_px + self.principal_offset_px) / (self.baseline_m * self.intrinsics[0, 0]))
+        return (disparity_px + self.principal_offset_px) / (self.baseline_m * self.intrinsics[0, 0])
 
 
 def motorcycle_photo() -> DisparityPhoto:
