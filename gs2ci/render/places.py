@@ -5,7 +5,7 @@ Not here: the choice of a device (`devices.py`).
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import Final
 
@@ -39,11 +39,15 @@ def on_device(tensor: Tensor) -> bool:
 def working_on(device: torch.device) -> Iterator[None]:
     """Let work with arrays of the host that has a version for devices be done on one, in this thread.
 
-    Other threads, unless they run in a copy of this one's context, go on on the host.
+    Other threads, unless they run in a copy of this one's context, go on on the host. A CUDA device becomes torch's
+    current one, and its usual stream the current stream, whatever they were: on another stream torch's work would wait
+    neither for the renderer's nor for that of threads, which begin on the usual one.
     """
+    usual = torch.cuda.stream(torch.cuda.default_stream(device)) if device.type == "cuda" else nullcontext()
     before = _working.set(device)
     try:
-        yield
+        with usual:
+            yield
     finally:
         _working.reset(before)
 

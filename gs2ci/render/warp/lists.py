@@ -67,7 +67,8 @@ class BlockLists:
     Args:
         total: Number of entries of all lists.
         starts: Where the rows of each Gaussian in each view begin, and where they end, [V * G + 1].
-        rows: The entries' rows, block after block, nearest first, [total or more].
+        keys: What they are sorted by, and room for the sort, [2 * total or more].
+        rows: The entries' rows, block after block, nearest first, [2 * total or more].
         owner: The Gaussian and view, view * G + g, of each row, [total or more].
         begin: Where each block's list begins, [blocks].
         end: Where it ends, [blocks].
@@ -75,6 +76,7 @@ class BlockLists:
 
     total: int
     starts: Any
+    keys: Any
     rows: Any
     owner: Any
     begin: Any
@@ -107,7 +109,8 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
     coding: OpenBlocks = projected.key.coding
     device, pairs = coding.device, len(projected.counts) - 1
     starts = wp.empty(pairs + 1, dtype=wp.int32, device=device) if room is None else room.starts
-    wp.utils.array_scan(projected.counts, starts, inclusive=False)
+    with wp.ScopedDevice(device):  # Warp scans and sorts on the device that is current, wherever arrays lie
+        wp.utils.array_scan(projected.counts, starts, inclusive=False)
     total = int(starts[-1:].numpy()[0])
     if room is not None and total <= len(room.owner):
         lists = replace(room, total=total)
@@ -115,10 +118,11 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
         lists.end.zero_()
     else:
         size = max(1, int(total * (1 + spare)))
-        # The sort works in arrays of twice the length.
+        # The sort works in arrays of twice the length; what is freed goes back to the driver, which takes long.
+        keys = wp.empty(2 * size, dtype=wp.int64, device=device)
         rows, owner = (wp.empty(times * size, dtype=wp.int32, device=device) for times in (2, 1))
         begin, end = (wp.zeros(coding.blocks, dtype=wp.int32, device=device) for _ in range(2))
-        lists = BlockLists(total, starts, rows, owner, begin, end)
+        lists = BlockLists(total, starts, keys, rows, owner, begin, end)
     if total:
         _fill(lists, projected, coding)
     return lists
@@ -126,8 +130,7 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
 
 def _fill(lists: BlockLists, projected: Projected, coding: OpenBlocks) -> None:
     """Write the entries, sort them, and find each block's."""
-    device, total = coding.device, lists.total
-    keys = wp.empty(2 * total, dtype=wp.int64, device=device)
+    device, total, keys = coding.device, lists.total, lists.keys
     wp.launch(
         emit,
         dim=len(projected.boxes),
@@ -138,5 +141,6 @@ def _fill(lists: BlockLists, projected: Projected, coding: OpenBlocks) -> None:
         outputs=[keys, lists.rows, lists.owner],
         device=device,
     )
-    wp.utils.radix_sort_pairs(keys, lists.rows, total, 0, 32 + max(1, coding.blocks.bit_length()))
+    with wp.ScopedDevice(device):
+        wp.utils.radix_sort_pairs(keys, lists.rows, total, 0, 32 + max(1, coding.blocks.bit_length()))
     wp.launch(find_ranges, dim=total, inputs=[keys, total], outputs=[lists.begin, lists.end], device=device)

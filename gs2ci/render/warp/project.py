@@ -221,5 +221,6 @@ def sum_poses(pose_parts: wp.array(dtype=wp.float32), gaussians: int, out: wp.ar
     for g in range(lane, gaussians, wp.block_dim()):
         total += wp.float64(pose_parts[(view * gaussians + g) * 12 + entry])
     both = wp.tile_sum(wp.tile(total))
+    all_of_it = both[0]
     if lane == 0:
-        out[view * 16 + entry] = wp.float32(both[0])
+        out[view * 16 + entry] = wp.float32(all_of_it)

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import warp as wp
 
-from gs2ci.reconstruct.fit.kernels.device.kernels import CHUNK, PER_THREAD, SUMMED
+from gs2ci.reconstruct.fit.kernels.device.kernels import CHUNK, PER_THREAD, SUMMED, sum_of_block
 from gs2ci.reconstruct.fit.losses.ssim import C1 as SSIM_C1
 from gs2ci.reconstruct.fit.losses.ssim import C2 as SSIM_C2
 from gs2ci.render.recording import TILED
@@ -161,10 +161,9 @@ def sum_errors(error: wp.array(dtype=wp.float32), apart: wp.array(dtype=wp.float
         if i < error.shape[0]:
             total += wp.float64(wp.abs(error[i]))
             unlike += wp.float64(apart[i])
-    all_errors = wp.tile_sum(wp.tile(total))
-    all_unlike = wp.tile_sum(wp.tile(unlike))
+    both = wp.vec2d(sum_of_block(total), sum_of_block(unlike))
     if lane == 0:
-        sums[block] = wp.vec2d(all_errors[0], all_unlike[0])
+        sums[block] = both
 
 
 @wp.kernel

@@ -30,6 +30,13 @@ Steps = wp.types.vector(length=5, dtype=wp.float32)
 
 
 @wp.func
+def sum_of_block(mine: wp.float64):
+    """Return the sum over the threads of a block; all of them have to ask, since on CUDA each waits for the others."""
+    found = wp.tile_sum(wp.tile(mine))
+    return found[0]
+
+
+@wp.func
 def wide(v: wp.vec3):
     """Return a vector in float64."""
     return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
@@ -289,9 +296,9 @@ def sum_opacities(
             opacity = 1.0 / (1.0 + wp.exp(-logits[i]))
             gradient[i] = gradient[i] + share * opacity * (1.0 - opacity)
             total += wp.float64(opacity)
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 @wp.kernel(module="unique", module_options=TILED)
@@ -310,9 +317,9 @@ def sum_sizes(
             size = wp.exp(log_scales[i])
             gradient[i] = gradient[i] + share * size
             total += wp.float64(size)
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 @wp.kernel(module="unique", module_options=TILED)
@@ -329,9 +336,9 @@ def sum_products(
         if g < gradient.shape[0]:
             for j in range(gradient.shape[1]):
                 total += wp.float64(gradient[g, j]) * wp.float64(step[g, wp.min(j, step.shape[1] - 1)])
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 # --------------------------------------------------------------------- exchange of turning for travel, depth field
@@ -474,9 +481,9 @@ def sum_at_knots(changes: wp.array(dtype=wp.vec4d), down: int, deep: int, gradie
         c = _1 - wp.abs(change[2] - k)
         if a > _0 and b > _0 and c > _0:
             total += a * b * c * change[3]
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        gradient[knot] = both[0]
+        gradient[knot] = all_of_it
 
 
 # -------------------------------------------------------------------------------------------------- surfaces' term
@@ -529,9 +536,9 @@ def sum_trust(pixels: wp.array(dtype=wp.int64), trust: wp.array(dtype=wp.float32
     total = wp.float64(0.0)
     for i in range(lane, pixels.shape[0], wp.block_dim()):
         total += wp.float64(trust[int(pixels[i])])
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[0] = wp.max(both[0], _1)
+        sums[0] = wp.max(all_of_it, _1)
 
 
 @wp.kernel(module="unique", module_options=TILED)
@@ -565,9 +572,9 @@ def sum_distances(
             if square >= _0:
                 slope = weight * sure / (_2 * root)
             gradient[at] = narrow(wp.vec3d(slope * p * p, -_2 * slope * p, slope))
-    both = wp.tile_sum(wp.tile(total))
+    all_of_it = sum_of_block(total)
     if lane == 0:
-        sums[block] = both[0]
+        sums[block] = all_of_it
 
 
 ALL: Final[tuple[Any, ...]] = (
