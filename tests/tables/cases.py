@@ -27,12 +27,13 @@ from gs2ci.core.storage import read_shot
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
-from gs2ci_sims.masks import random_grey_masks, random_masks
+from gs2ci_sims.masks import random_masks
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims.grey_masks import random_grey_masks
 from tests.tables.beside import BesideViews, beside_file, beside_path, read_beside
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
