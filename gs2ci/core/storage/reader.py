@@ -1,8 +1,7 @@
 """Reading capture files that are not trusted: unfinished, damaged, from elsewhere, or malicious.
 
-Here: `read_shot`, `count_shots`, and `CaptureFile`, through which both of them (and `recover`)
-read a file. Every fault becomes one StorageError that names file and key. Not here: safe reading of HDF5 files in
-general (`gs2ci.core.hdf5`).
+Here: `read_shot`, `count_shots`, and `CaptureFile`, through which both (and `recover`) read a file. Every fault becomes
+one StorageError that names file and key. Not here: safe reading of HDF5 files in general (`gs2ci.core.hdf5`).
 """
 
 import json
