@@ -130,13 +130,26 @@ def pytest_collection_finish() -> None:
         simulated.scene_of = lambda table: drawn(table.scene, table.seed, table.height, table.width)
 
 
+# To look for what a file has left behind takes as long as a dozen tests: worth it for so much memory.
+_WORTH_MIB = 64.0
+_kept_mib = 0.0
+
+
+def _resident_mib() -> float:
+    pages = Path("/proc/self/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Give back, at the end of a file, what it has left behind: the C library keeps hundreds of megabytes otherwise."""
+    global _kept_mib  # noqa: PLW0603
     if nextitem is None or nextitem.path != item.path:
-        gc.collect()
-        with suppress(AttributeError):  # another C library than glibc
-            ctypes.CDLL(None).malloc_trim(0)
+        with suppress(OSError, AttributeError):  # another system, another C library
+            if _resident_mib() > _kept_mib + _WORTH_MIB:
+                gc.collect()
+                ctypes.CDLL(None).malloc_trim(0)
+                _kept_mib = _resident_mib()
 
 
 @pytest.fixture

@@ -193,7 +193,7 @@ def test_derivatives_are_those_of_errors_that_grow_with_a_shift():
 
 def test_what_errs_surely_less_predicts_better():
     rng = np.random.default_rng(0)
-    errors = {0.0: 0.5 * rng.normal(size=(20, 24)), 1.0: 0.3 * rng.normal(size=(20, 24))}
+    errors = {0.0: 0.05 * rng.normal(size=(20, 24)), 1.0: 0.03 * rng.normal(size=(20, 24))}
     problem = SimpleNamespace(size=(20, 24), errors=lambda one: errors[one.placement.down_px])
     without, found = Misfit(), Misfit(Placement(down_px=1.0))
     assert _predicts_better(problem, without, found)
