@@ -36,8 +36,8 @@ _NEAREST_AT_FIRST: Final = (0.04, 0.16)
 _CLEARLY: Final = 0.98
 # Paths are compared by rough depth maps of so many planes, pixels and views, at so many pixels of the measurement.
 _ROUGH_PLANES: Final = 20
-_ROUGH_PIXELS: Final = 1_500
-_ROUGH_VIEWS: Final = 5
+_ROUGH_PIXELS: Final = 2_500
+_ROUGH_VIEWS: Final = 7
 _ASKED_PIXELS: Final = 6_000
 # Starting directions of the search: eight sideways, forwards and backwards.
 _DIRECTIONS: Final = (
@@ -48,7 +48,7 @@ _DIRECTIONS: Final = (
 # First steps of the search: of the direction, and of the turn, in which 1 shifts the picture by its longer side.
 _DIRECTION_STEP: Final = 0.4
 _TURN_STEP: Final = 0.03
-_MOST_TRIALS: Final = 60
+_MOST_TRIALS: Final = 100
 # The search ends when steps change neither the motion nor its residual by more than this.
 _SETTLED: Final = 1e-3
 
