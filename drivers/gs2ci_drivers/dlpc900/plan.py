@@ -78,7 +78,7 @@ def digest_masks(sequence: PatternSequence) -> bytes:
     masks = sequence.masks
     head = f"{masks.shape} {masks.dtype} {sequence.bit_depth}".encode()
     # Eight pixels of masks that are open or closed are one byte: hashing takes longer than packing.
-    told = np.packbits(masks) if masks.dtype == np.uint8 and masks.max() <= 1 else np.ascontiguousarray(masks)
+    told = np.packbits(masks) if masks.dtype == np.uint8 and masks.max(initial=0) <= 1 else np.ascontiguousarray(masks)
     return hashlib.blake2b(told.data, digest_size=16, key=head[:64]).digest()
 
 
