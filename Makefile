@@ -85,7 +85,7 @@ check: environment
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# WHEEL=--quick borrows the installed packages instead of fetching them for the second environment.
+# WHEEL=--quick borrows the installed packages instead of fetching them for the second environment, and compiles nothing.
 wheel: environment
 	$(BIN)/python -m tests.wheel $(WHEEL)
 

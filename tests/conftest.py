@@ -7,7 +7,9 @@ import signal
 import sys
 from collections.abc import Generator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import hypothesis
 import numba
@@ -78,17 +80,36 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item, late in zip(items, by_night([item.nodeid for item in items], listed()), strict=True):
         if late:
             item.add_marker("nightly")
-    left_out = [] if config.option.nightly else [item for item in items if item.get_closest_marker("nightly")]
-    config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if item not in set(left_out)]
+    left_out = set() if config.option.nightly else {item for item in items if item.get_closest_marker("nightly")}
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path not in slow, item.path if _is_one_of_several(config) else Path()))
+
+
+def _is_one_of_several(config: pytest.Config) -> bool:
+    return hasattr(config, "workerinput")
+
+
+def _begin_elsewhere(config: pytest.Config) -> None:
+    """Let every second process collect from the end: files that pytest has to rewrite are then rewritten by one alone.
+
+    In a fresh checkout that takes as long as all else before the first test. All processes sort what they have found.
+    """
+    if _is_one_of_several(config) and int(config.workerinput["workerid"].strip("gw")) % 2:
+        named = [(name, sorted(Path(name).glob("[!_.]*"), reverse=True)) for name in reversed(config.args)]
+        config.args = [
+            one
+            for name, inside in named
+            for one in ([str(path) for path in inside if path.is_dir() or path.match("test_*.py")] or [name])
+        ]
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Spare the garbage collector what stays until the end: thousands of tests, and all that they import."""
     gc.disable()
+    _begin_elsewhere(session.config)
     try:
         return (yield)
     finally:
@@ -97,13 +118,38 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+def pytest_collection_finish() -> None:
+    """Draw each scene of simulated benches once: that takes as long as most of what is then asked of a bench."""
+    if (simulated := sys.modules.get("gs2ci.rig.simulated")) is not None:
+        draw = simulated.scene_of
+
+        @lru_cache(maxsize=8)
+        def drawn(scene: str, seed: int, height: int, width: int) -> object:
+            return draw(SimpleNamespace(scene=scene, seed=seed, height=height, width=width))
+
+        simulated.scene_of = lambda table: drawn(table.scene, table.seed, table.height, table.width)
+
+
+# To look for what a file has left behind takes as long as a dozen tests: worth it for so much memory.
+_WORTH_MIB = 64.0
+_kept_mib = 0.0
+
+
+def _resident_mib() -> float:
+    pages = Path("/proc/self/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Give back, at the end of a file, what it has left behind: the C library keeps hundreds of megabytes otherwise."""
+    global _kept_mib  # noqa: PLW0603
     if nextitem is None or nextitem.path != item.path:
-        gc.collect()
-        with suppress(AttributeError):  # another C library than glibc
-            ctypes.CDLL(None).malloc_trim(0)
+        with suppress(OSError, AttributeError):  # another system, another C library
+            if _resident_mib() > _kept_mib + _WORTH_MIB:
+                gc.collect()
+                ctypes.CDLL(None).malloc_trim(0)
+                _kept_mib = _resident_mib()
 
 
 @pytest.fixture

@@ -61,6 +61,36 @@ def test_links_within_the_repository_lead_somewhere():
     assert dead == []
 
 
+def anchors(page):
+    """Return what the headings of a page can be linked to by."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    plain = [
+        re.sub(r"[^\w\s-]", "", heading).strip().lower() for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    ]
+    return {re.sub(r"[-\s]+", "-", heading) for heading in plain} | set(re.findall(r"\{#([\w-]+)", text))
+
+
+def test_links_to_headings_lead_to_one():
+    dead = [
+        f"{page.name} links to {target}#{heading}"
+        for page in PAGES
+        for target, heading in re.findall(r"\]\(([^)#\s:]*)#([^)\s]+)\)", page.read_text(encoding="utf-8"))
+        if page.parent / target not in MADE and heading not in anchors(page.parent / target if target else page)
+    ]
+    assert dead == []
+
+
+def test_the_navigation_names_every_page_and_no_other():
+    """Those of commands and tutorials it finds itself (docs/site/pages.py)."""
+    docs, navigation = ROOT / "docs", (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    named = set(re.findall(r"[\w./-]+\.md", navigation))
+    by_itself = {f"commands/{name}.md" for name in cli.COMMANDS}
+    pages = {path.relative_to(docs).as_posix() for path in (*docs.rglob("*.md"), *MADE)} - by_itself
+    listed = {page for page in pages if not page.startswith(("decisions/", "plugin-template/"))}
+    assert named - pages == set()
+    assert listed - named == set()
+
+
 def exists(module):
     """Tell whether a dotted name is a module of ours, or something that is named in one."""
     first, *rest = module.split(".")

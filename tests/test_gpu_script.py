@@ -1,5 +1,8 @@
 """The script for a machine with a GPU runs whole without one, part by part, and ends in time."""
 
+import io
+import sys
+
 import pytest
 
 pytest.importorskip("warp", reason="Warp is not installed")
@@ -13,6 +16,7 @@ from tests.nightly import NIGHTLY
 
 WHOLE = ("draft", "standard", "large_draft", "exponent")
 SHORT = {
+    "here": ("device: ", "torch ", "small scene as by the CPU, to "),
     "errors": ("error of means", "three replayed renderings have the bits of the one that was called: yes"),
     "iterations": ("| 200 | 24 × 32 | 3 | – |",),
     "worst_kernel": ("no events on this device",),
@@ -69,8 +73,52 @@ def test_what_there_is_no_time_for_is_left_out_and_a_failure_keeps_nothing_from_
     assert "worked" in printed
 
 
+PROGRAM = """
+import os, sys, time
+for name in os.environ["GS2CI_PARTS"].split(","):
+    print(f"\\n== {name}: what it does", flush=True)
+    if name == "crashes":
+        os._exit(7)
+    if name == "hangs":
+        time.sleep(60)
+    print(f"({name} took 0 s of 1)", flush=True)
+"""
+
+
+def test_a_part_that_ends_the_process_or_never_ends_leaves_the_others_to_another_process(capsys):
+    names = ("first", "crashes", "second", "hangs", "third")
+    parts, kept = [gpu.Part(name, print, 0.5) for name in names], io.StringIO()
+    assert gpu.watched([sys.executable, "-c", PROGRAM], parts, 60, kept) == []
+    printed = capsys.readouterr().out
+    assert printed == kept.getvalue()
+    assert [line for line in printed.splitlines() if "FAILS" in line or "took" in line] == [
+        "(first took 0 s of 1)",
+        "crashes FAILS: its process ended with 7",
+        "(second took 0 s of 1)",
+        "(it took too long)",
+        "hangs FAILS: its process ended with -9",
+        "(third took 0 s of 1)",
+    ]
+
+
+def test_where_nothing_begins_nothing_is_tried_again(capsys):
+    parts = [gpu.Part("first", print, 1)]
+    assert gpu.watched([sys.executable, "-c", "import nothing_like_it"], parts, 60, io.StringIO()) == parts
+    assert "what comes before the parts FAILS: its process ended with 1" in capsys.readouterr().out
+
+
+def test_what_is_printed_becomes_a_page(tmp_path, monkeypatch, capsys):
+    program = [sys.executable, "-c", PROGRAM]
+    watched = gpu.watched
+    monkeypatch.setattr(gpu, "watched", lambda _, *given: watched(program, *given))
+    monkeypatch.setenv("GS2CI_PARTS", "errors")
+    monkeypatch.setenv("GS2CI_PAGE", str(tmp_path / "page.md"))
+    gpu.run()
+    assert (tmp_path / "page.md").read_text() == capsys.readouterr().out
+
+
 def test_parts_are_chosen_by_name_and_run_in_the_order_of_the_plan():
     assert [one.name for one in gpu.chosen("races,errors")] == ["errors", "races"]
     assert gpu.chosen("") == gpu.PLAN
-    with pytest.raises(SystemExit, match="no part laces: errors, "):
+    with pytest.raises(SystemExit, match="no part laces: here, errors, "):
         gpu.chosen("laces")

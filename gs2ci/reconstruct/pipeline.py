@@ -71,6 +71,7 @@ def reconstruct(
             from telemetry that the shot does not hold; or the budget does not suffice; or the settings name a CUDA
             device that cannot be used.
         ResourceError: That device has too little memory.
+        DeviceError: It fails.
         NumericsError: The first fit is not finite from its first iteration on.
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()

@@ -13,6 +13,7 @@ Here: this, the stream for it, and what all kernels in Warp share. Not here: wha
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import cache
 from typing import Any, Final
 
 import torch
@@ -26,6 +27,9 @@ wp.config.enable_cpu_blocks = True
 
 TILED: Final[dict[str, Any]] = {"enable_backward": False, "max_unroll": 32, "enable_mathdx_gemm": False}
 """Options of kernels that use tiles; these need a module of their own (warp 1.19)."""
+Floats, Doubles, Ints = wp.array(dtype=wp.float32), wp.array(dtype=wp.float64), wp.array(dtype=wp.int32)
+Vectors, Fours = wp.array(dtype=wp.vec3), wp.array(dtype=wp.vec4)
+"""Types of arrays that kernels are given."""
 _FIBERS: Final = threading.RLock()
 _CAPTURING: Final = threading.Lock()
 
@@ -118,12 +122,11 @@ class Recording:
         """Do what the function does: the first time by calling it, then by replaying what it launches."""
         if self._graph is None and self._called and _may_capture(self._device):
             self._graph = _capture(self._device, self._launches)
+        if self._graph is not None and not _replay(self._device, self._graph):
+            self._graph = None
         if self._graph is None:
             self._launches(Launcher(self._device))
             self._called = True
-            return
-        with one_at_a_time(self._device):
-            wp.capture_launch(self._graph)
 
 
 def _may_capture(device: str) -> bool:
@@ -138,14 +141,34 @@ def _capture(device: str, launches: Launches) -> Any:
             with wp.ScopedCapture(device=device, stream=stream) as capture:
                 launches(Launcher(device, stream))
         except RuntimeError as error:
-            _State.refusal = (str(error).strip().splitlines() or ["no reason given"])[0].rstrip(".")
+            _refuse(error)
             return None
     _State.captured += 1
     return capture.graph
 
 
+def _replay(device: str, graph: Any) -> bool:
+    """Replay a graph; False: the driver refuses to make a program of it or to launch it, and nothing has run."""
+    try:
+        with one_at_a_time(device):
+            wp.capture_launch(graph)
+    except RuntimeError as error:
+        _refuse(error)
+        return False
+    return True
+
+
+def _refuse(error: RuntimeError) -> None:
+    _State.refusal = (str(error).strip().splitlines() or ["no reason given"])[0].rstrip(".")
+
+
+@cache
 def _aside(device: str) -> Any:
-    """Return a stream for captures: Warp's, or, since torch's usual one cannot be captured, another one of torch's."""
+    """Return a stream for captures: Warp's, or, since torch's usual one cannot be captured, another one of torch's.
+
+    Always the same: torch hands out its 32 streams in turn, and Warp would forget one that is in use when an earlier
+    object of the same stream goes.
+    """
     if torch.cuda.is_available():
         another: Any = torch.cuda.Stream
         return wp.stream_from_torch(another(device))

@@ -77,7 +77,6 @@ def test_a_call_gets_every_option_and_refuses_others():
         taker("a")
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_option_of_every_command_has_a_text(command):
-    run = importlib.import_module(COMMANDS[command][0]).run
-    assert [one.names for one in options_of(run) if not one.help] == []
+def test_every_option_of_every_command_has_a_text():
+    runs = {command: importlib.import_module(module).run for command, (module, _) in COMMANDS.items()}
+    assert [(command, one.names) for command, run in runs.items() for one in options_of(run) if not one.help] == []

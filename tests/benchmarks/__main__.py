@@ -28,12 +28,10 @@ BENCHMARKS = (
     "harmonics",
     "beside_files",
     "mechanism_files",
-    "simulated_capture",
     "design",
     "continuous",
     "grain",
     "video_out",
-    "proxies",
     "compiling",
     "endings",
     "small_matrices",
@@ -80,7 +78,6 @@ BENCHMARKS = (
     "imports",
     "right_shots",
     "drawn_masks",
-    "laboratory",
     "combination",
     "polish",
     "budgets",
@@ -96,7 +93,6 @@ BENCHMARKS = (
     "simulation_cost",
     "plan_deviation",
     "simulation_size",
-    "pattern_encoding",
     "own_model_class",
 )
 

@@ -2,24 +2,33 @@
 
     python -m tests.benchmarks gpu                                     on the first CUDA device
     GS2CI_PARTS=errors,races python -m tests.benchmarks gpu            some parts alone
+    GS2CI_PAGE=page.md python -m tests.benchmarks gpu                  and keep what is printed, line by line
     GS2CI_DEVICE=cpu GS2CI_SMALL=1 python -m tests.benchmarks gpu      the flow of all, by fibers
 
 Each part is begun only if the time that it may take is left (`GS2CI_MINUTES`, 15): parts that are left out are named at
-the end, and the first command that runs them. A part that fails says how, and the next one begins. Here: the plan. Not
-here: the parts (`gpu_parts`).
+the end, and the first command that runs them. A part that fails says how, and the next one begins. The parts run in a
+process of their own, since a device that failed once fails for the rest of a process: when that ends, or a part takes
+twice its time, another process begins with the next part. Here: the plan. Not here: the parts (`gpu_parts`).
 """
 
 import os
+import queue
+import subprocess
+import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import IO
 
-from gs2ci.render.settings import RasterSettings
 from tests.benchmarks import gpu_parts
 from tests.benchmarks.gpu_parts import Asked
 
 MINUTES = 15.0
+_BEGINS = "== "
+_BEGINNING_S = 90.0
+"""Within so many seconds a process begins its first part, or the next one."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +47,7 @@ class Part:
 
 
 PLAN = (
+    Part("here", gpu_parts.here, 30),
     Part("errors", gpu_parts.errors, 90),
     Part("iterations", gpu_parts.iterations, 120),
     Part("standard", gpu_parts.standard, 240),
@@ -52,19 +62,102 @@ PLAN = (
 
 def run() -> None:
     """Print the figures."""
-    import warp as wp  # noqa: PLC0415  an extra
+    parts, minutes = chosen(os.environ.get("GS2CI_PARTS", "")), float(os.environ.get("GS2CI_MINUTES", MINUTES))
+    if "GS2CI_WATCHED" in os.environ:
+        left_out = within(parts, gpu_parts.asked(), 60 * minutes)
+    else:
+        page = os.environ.get("GS2CI_PAGE")
+        with open(page or os.devnull, "w", encoding="utf-8") as kept:
+            left_out = watched([sys.executable, "-u", "-m", "tests.benchmarks", "gpu"], parts, 60 * minutes, kept)
+            if left_out:
+                names = ",".join(part.name for part in left_out)
+                say(f"\nleft out: GS2CI_PARTS={names} python -m tests.benchmarks gpu", kept)
 
-    from gs2ci.reconstruct.settings import Settings  # noqa: PLC0415
-    from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415
 
-    raster: RasterSettings = Settings().raster
-    asked = Asked(WarpBackend(raster, os.environ.get("GS2CI_DEVICE")), bool(os.environ.get("GS2CI_SMALL")))
-    print(f"device: {wp.get_device(asked.place).name}; warp {wp.config.version}")
-    wanted = os.environ.get("GS2CI_PARTS", "")
-    left_out = within(chosen(wanted), asked, 60 * float(os.environ.get("GS2CI_MINUTES", MINUTES)))
-    if left_out:
-        names = ",".join(part.name for part in left_out)
-        print(f"\nleft out for want of time: GS2CI_PARTS={names} python -m tests.benchmarks gpu")
+def watched(command: Sequence[str], parts: Sequence[Part], seconds: float, kept: IO[str]) -> list[Part]:
+    """Run parts in a process of their own, and in another one those after a part that ended it or took too long.
+
+    Args:
+        command: Runs the parts of `GS2CI_PARTS`.
+        parts: Which.
+        seconds: For all.
+        kept: What is printed is written there, too, at once.
+
+    Returns:
+        The parts that were not begun.
+    """
+    ends, left = time.monotonic() + seconds, {part.name: part for part in parts}
+    while left and time.monotonic() < ends:
+        surroundings = {
+            **os.environ,
+            "GS2CI_WATCHED": "1",
+            "GS2CI_PARTS": ",".join(left),
+            "GS2CI_MINUTES": f"{(ends - time.monotonic()) / 60:.3f}",
+        }
+        begun, now, before = _Begun(command, surroundings), "", len(left)
+        for line in begun.lines():
+            say(line, kept)
+            if line.startswith(_BEGINS):
+                now = line.removeprefix(_BEGINS).partition(":")[0]
+                part = left.pop(now, None)
+                begun.until_s = min(ends, time.monotonic() + (2 * part.most_s if part else _BEGINNING_S))
+            elif line.startswith(f"({now} took"):
+                now, begun.until_s = "", time.monotonic() + _BEGINNING_S
+        if begun.process.returncode == 0:
+            break
+        say(f"{now or 'what comes before the parts'} FAILS: its process ended with {begun.process.returncode}", kept)
+        if len(left) == before:
+            break
+    return list(left.values())
+
+
+class _Begun:
+    """A process that prints.
+
+    Args:
+        command: Its command.
+        surroundings: Its environment.
+
+    Attributes:
+        until_s: When it is ended, on the monotonic clock.
+    """
+
+    def __init__(self, command: Sequence[str], surroundings: dict[str, str]) -> None:
+        self.process = subprocess.Popen(
+            command, env=surroundings, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+        )
+        self.until_s = time.monotonic() + _BEGINNING_S
+        self._told: queue.Queue[str | None] = queue.Queue()
+        self._listening = threading.Thread(target=self._listen, daemon=True)
+        self._listening.start()
+
+    def lines(self) -> Iterator[str]:
+        """Yield what it prints, line by line, and end it when its time has come."""
+        while True:
+            try:
+                line = self._told.get(timeout=max(0.0, self.until_s - time.monotonic()))
+            except queue.Empty:
+                self.process.kill()
+                yield "(it took too long)"
+                break
+            if line is None:
+                break
+            yield line
+        self.process.wait()
+        self._listening.join(timeout=1)
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as printed:
+            for line in printed:
+                self._told.put(line.rstrip("\n"))
+        self._told.put(None)
+
+
+def say(line: str, kept: IO[str]) -> None:
+    """Print a line, and keep it."""
+    print(line, flush=True)
+    print(line, file=kept, flush=True)
 
 
 def chosen(names: str) -> tuple[Part, ...]:
@@ -84,7 +177,7 @@ def within(parts: Sequence[Part], asked: Asked, seconds: float) -> list[Part]:
             left_out.append(part)
             continue
         began = time.monotonic()
-        print(f"\n== {part.name}: {(part.run.__doc__ or '').splitlines()[0]}", flush=True)
+        print(f"\n{_BEGINS}{part.name}: {(part.run.__doc__ or '').splitlines()[0]}", flush=True)
         try:
             part.run(asked)
         except Exception:

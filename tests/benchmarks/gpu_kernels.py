@@ -11,6 +11,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ARCHITECTURES = {75: "Turing", 86: "Ampere", 90: "Hopper"}
 # Attributes of `.nv.info` that hold a figure for each kernel; NVIDIA documents them in cuobjdump's output alone.
@@ -49,21 +50,31 @@ def compiled(arch: int) -> list[Kernel]:
     from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
     from gs2ci.reconstruct.geometry.depth import device_paths  # noqa: PLC0415
     from gs2ci.render.warp import blend, lists, project, stopping  # noqa: PLC0415
-    from gs2ci.render.warp.types import BLOCK  # noqa: PLC0415
 
-    tiled = [(blend.blend, BLOCK), (blend.blend_backward, BLOCK), (project.sum_poses, 256)]
     whole = (blend, lists, project, stopping, kernels, device_loss_kernels, device_paths)
-    plain = [wp.get_module(one.__name__) for one in whole]
-    own = [one for one in (*kernels.ALL, *device_loss_kernels.ALL) if one.module not in plain]
-    tiled += [(one, int(kernels.SUMMED)) for one in own]
+    plain = [(wp.get_module(one.__name__), 256) for one in whole]
     found = []
-    for module, threads in [(kernel.module, threads) for kernel, threads in tiled] + [(one, 256) for one in plain]:
+    for module, threads in [(kernel.module, threads) for kernel, threads in launched_by_blocks()] + plain:
         module.options["block_dim"] = threads
         with tempfile.TemporaryDirectory() as folder:
             wp.compile_aot_module(module, device=None, arch=arch, module_dir=folder, use_ptx=False)
             for path in Path(folder).glob("*.cubin"):
                 found += kernels_in(path.read_bytes())
     return found
+
+
+def launched_by_blocks() -> list[tuple[Any, int]]:
+    """Return the kernels whose threads wait for each other, each in a module of its own, and their blocks' threads."""
+    from gs2ci.reconstruct.decode.patches import device_groups  # noqa: PLC0415  an extra
+    from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
+    from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
+    from gs2ci.render.warp import blend, project  # noqa: PLC0415
+    from gs2ci.render.warp.types import BLOCK  # noqa: PLC0415
+
+    of_fit = [one for one in (*kernels.ALL, *device_loss_kernels.ALL) if one.module.name != one.func.__module__]
+    tiled = [(blend.blend, BLOCK), (blend.blend_backward, BLOCK), (project.sum_poses, 256)]
+    tiled += [(one, device_groups.THREADS) for one in device_groups.ALL]
+    return tiled + [(one, int(kernels.SUMMED)) for one in of_fit]
 
 
 def kernels_in(cubin: bytes) -> list[Kernel]:

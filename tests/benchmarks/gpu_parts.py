@@ -15,16 +15,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import torch
 
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.presets.named import preset
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import recording
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.settings import RasterSettings
+from gs2ci.render.trial import error_on
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
 from tests.render.reference import ReferenceBackend
 from tests.stability.benches import Bench
@@ -62,7 +65,36 @@ class Asked:
         return 2 if self.small else ROUNDS
 
 
-# --------------------------------------------------------------------------------------------------------- errors
+def asked() -> Asked:
+    """Return the renderer on the device that the environment names, and whether only the flow is to be run."""
+    from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415  an extra
+
+    raster: RasterSettings = Settings().raster
+    return Asked(WarpBackend(raster, os.environ.get("GS2CI_DEVICE")), bool(os.environ.get("GS2CI_SMALL")))
+
+
+# ------------------------------------------------------------------------------------------------ here and errors
+
+
+def here(asked: Asked) -> None:
+    """What is installed here, where tensors lie, and whether a card would be taken by `gs2ci reconstruct`."""
+    import warp as wp  # noqa: PLC0415  an extra
+
+    device = wp.get_device(asked.place)
+    print(f"device: {device.name}, {asked.place}; warp {wp.config.version}, driver {wp.get_cuda_driver_version()}")
+    print(
+        f"Python {sys.version.split()[0]}, torch {torch.__version__}, numba {numba.__version__}, {os.cpu_count()} cores"
+    )
+    if asked.is_cuda:
+        print(f"captures: {'by memory pools' if device.is_mempool_enabled else 'without memory pools'}")
+        print(f"tensors of a fit lie on: {asked.backend.device}")
+        if not torch.cuda.is_available():
+            print("torch is built for the CPU, so that a fit stays there: scene and gradients are copied")
+    missing = [name for name in ("gsplat", "pycolmap", "cv2", "skimage") if importlib.util.find_spec(name) is None]
+    print(f"not installed: {', '.join(missing) or 'nothing that is used here'}")
+    began = time.perf_counter()
+    error = error_on(asked.place)
+    print(f"small scene as by the CPU, to {error:.1e}; {time.perf_counter() - began:.0f} s, of which most compiles")
 
 
 def errors(asked: Asked) -> None:
@@ -232,7 +264,13 @@ def races(asked: Asked) -> None:
         return
     for kind in ("racecheck", "memcheck"):
         command = [tool, "--tool", kind, "--error-exitcode", "9", sys.executable, "-m", "tests.benchmarks", "gpu"]
-        surroundings = {**os.environ, "GS2CI_PARTS": "errors", "GS2CI_SMALL": "1", "GS2CI_DEVICE": asked.place}
+        surroundings = {
+            **os.environ,
+            "GS2CI_WATCHED": "1",
+            "GS2CI_PARTS": "errors",
+            "GS2CI_SMALL": "1",
+            "GS2CI_DEVICE": asked.place,
+        }
         try:
             done = subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=100, check=False)
         except subprocess.TimeoutExpired:

@@ -1,10 +1,12 @@
-"""The share of a draft's processor time that is spent on what has an implementation for a device, and what the rest is.
+"""The share of a run's processor time that is spent on what has an implementation for a device, and what the rest is.
 
     python -m tests.benchmarks gpu_share
+    GS2CI_PRESET=standard python -m tests.benchmarks gpu_share
 
-One simulated exposure is reconstructed by `draft` at `GS2CI_SIZE` (240x320) on the CPU, every kernel on one thread. The
-clock of the thread that runs a part counts what it costs, without what the parts inside it cost. That a part has an
-implementation for a device means that it runs there where a device is used, not that it was ever timed on one.
+One simulated exposure is reconstructed by `GS2CI_PRESET` (draft) at `GS2CI_SIZE` (240x320) on the CPU, every kernel on
+one thread. The clock of the thread that runs a part counts what it costs, without what the parts inside it cost. That a
+part has an implementation for a device means that it runs there where a device is used, not that it was ever timed on
+one.
 """
 
 import os
@@ -15,6 +17,7 @@ import numba
 
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode import denoisers, pnp
+from gs2ci.reconstruct.decode.patches import denoiser, matching
 from gs2ci.reconstruct.fit.surfaces import surfaces
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.geometry.depth import sweep
@@ -23,6 +26,7 @@ from gs2ci.render.cpu import backend
 from tests.benchmarks import profile
 from tests.stability.benches import Bench
 
+PRESET = os.environ.get("GS2CI_PRESET", "draft")
 SIZE = tuple(int(side) for side in os.environ.get("GS2CI_SIZE", "240x320").split("x"))
 MORE = (
     ("iteration: field of depth", DepthField, "step"),
@@ -32,6 +36,10 @@ MORE = (
     ("sweeps: jumps moved to edges", surfaces, "snapped"),
     ("decode: GAP's projections", pnp, "project_onto_measurement"),
     ("decode: total variation", denoisers, "denoise_planes"),
+    ("patches: groups denoised", denoiser, "denoise_groups"),
+    ("patches' search", matching, "match_patches"),
+    ("patches' flow", denoiser.Flow, "between"),
+    ("patches' colours and the rest", denoiser.SimilarPatches, "__call__"),
 )
 ON_DEVICE = (
     "iteration: loss",
@@ -42,7 +50,7 @@ ON_DEVICE = (
     "iteration: exchange of turning",
     "iteration: field of depth",
     "fit: error blended back",
-    *("sweeps: ", "decode: "),
+    *("sweeps: ", "decode: ", "patches: "),
     "kernel: ",
     "depth of each Gaussian",
 )
@@ -51,7 +59,7 @@ ON_DEVICE = (
 def run() -> None:
     """Print the share and the parts."""
     shot = Bench(scene=profile.SCENE).expose(SIZE)
-    settings = preset("draft")
+    settings = preset(PRESET)  # type: ignore[arg-type]
     pipeline.reconstruct(Bench(scene=profile.SCENE).expose((48, 64)), settings)  # compiles
     threads, clock = numba.get_num_threads(), profile.Clock()
     try:
@@ -69,7 +77,7 @@ def run() -> None:
         if name.startswith(("fit: ", "iteration: ", "kernel: ", "sweeps: "))
     )
     print(
-        f"{profile.SCENE}, {SIZE[0]} x {SIZE[1]} x {shot.views}, draft: CPU {total_s:.1f} s, "
+        f"{profile.SCENE}, {SIZE[0]} x {SIZE[1]} x {shot.views}, {PRESET}: CPU {total_s:.1f} s, "
         f"{found.result.gaussians} Gaussians\n"
         f"has an implementation for a device: {there_s:.1f} s, {there_s / total_s:.1%} of all; of the fit and of all "
         f"rendering, {there_s / fit_s:.1%}\n"

@@ -202,7 +202,7 @@ def _reconstruction(name: str, shot: Shot) -> None:
     views, scene, decode = (_psnr(one, shot) for one in (found.views, found.scene_views, found.decode))
     print(
         f"{name:12s} reconstruct    {views:6.2f} dB  scene {scene:.2f}, decode {decode:.2f}, verdict {found.verdict}, "
-        f"motion {dict(found.motion)['chosen'] or 'still'}, of processors {time.process_time() - busy_s:.0f} s",
+        f"motion {found.motion.chosen or 'still'}, of processors {time.process_time() - busy_s:.0f} s",
         flush=True,
     )
 

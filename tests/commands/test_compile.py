@@ -1,6 +1,8 @@
-"""What the command does with modules of its own; that the product's are compiled is seen by `make wheel`."""
+"""What the command does with modules of its own; that the product's are all compiled is seen by `make wheel`."""
 
+import importlib
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +10,7 @@ from gs2ci.api import preparing
 from gs2ci.commands import compile as compiling
 from gs2ci.core import kernels
 from gs2ci.core.progress import Silent
+from tests.wheel import jitted
 
 SMALL = "gs2ci.reconstruct.fit.kernels.gaussian_kernels"
 
@@ -17,6 +20,12 @@ def test_all_modules_with_kernels_are_found_and_no_other():
     assert {SMALL, "gs2ci.render.cpu.blend", "gs2ci_sims.rays.meshes"} <= set(found)
     assert len(set(found)) == len(found)
     assert "gs2ci.core.kernels" not in found
+
+
+def test_every_kernel_of_a_module_is_compiled_with_it():
+    for name in preparing.modules_with_kernels():
+        path = Path(importlib.import_module(name).__file__)
+        assert {f"{path.stem}.{one.__name__}" for one, _ in kernels.declared(name)} == jitted([path]), name
 
 
 @pytest.fixture

@@ -49,12 +49,12 @@ def test_bash_completes_words_that_a_command_takes_without_an_option(scripts, tm
     assert bash_completes(scripts["bash"], "gs2ci", "completion", "-") == ["-h", "--help"]
 
 
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_words_without_an_option_are_in_every_script(scripts, command):
-    for word in completion.words_of(importlib.import_module(cli.COMMANDS[command][0]).run):
-        assert bash_completes(scripts["bash"], "gs2ci", command, word) == [word]
-        assert re.search(rf"'\*:word:\([^)]*\b{word}\b", scripts["zsh"])
-        assert re.search(rf"__fish_seen_subcommand_from {command}' -f -a '[^']*\b{word}\b", scripts["fish"])
+def test_words_without_an_option_are_in_every_script(scripts):
+    for command, (module, _) in cli.COMMANDS.items():
+        for word in completion.words_of(importlib.import_module(module).run):
+            assert bash_completes(scripts["bash"], "gs2ci", command, word) == [word]
+            assert re.search(rf"'\*:word:\([^)]*\b{word}\b", scripts["zsh"])
+            assert re.search(rf"__fish_seen_subcommand_from {command}' -f -a '[^']*\b{word}\b", scripts["fish"])
 
 
 def test_every_shell_knows_the_options_without_a_command(scripts):

@@ -47,9 +47,8 @@ def test_every_code_has_a_text_and_every_text_a_code():
     assert set(texts()) == set(Code)
 
 
-@pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
-def test_every_code_is_found_somewhere(code):
-    assert code.name in codes_named()
+def test_every_code_is_found_somewhere():
+    assert [code for code in Code if code.name not in codes_named()] == []
 
 
 def test_every_finding_gives_the_figures_of_its_sentence():
@@ -59,13 +58,11 @@ def test_every_finding_gives_the_figures_of_its_sentence():
         assert code.figures <= given, place
 
 
-@pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
-def test_a_sentence_and_a_remedy_are_sentences(code):
-    assert code.value == code.name.lower()
-    assert code.sentence[0].isupper() or code.sentence[0] == "{"
-    assert code.sentence.endswith((".", "{sentence}"))
-    assert code.remedy.endswith((".", ")."))
-    assert "--" not in code.sentence
+def test_sentences_and_remedies_are_sentences():
+    assert [code for code in Code if code.value != code.name.lower()] == []
+    begin = [code for code in Code if code.sentence[0].isupper() or code.sentence[0] == "{"]
+    end = [code for code in Code if code.sentence.endswith((".", "{sentence}")) and code.remedy.endswith((".", ")."))]
+    assert begin == end == [code for code in Code if "--" not in code.sentence] == list(Code)
 
 
 def parameters(command):
@@ -74,15 +71,13 @@ def parameters(command):
     return {name for signature in found for name in signature.parameters}
 
 
-@pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
-def test_a_remedy_names_only_commands_and_options_that_exist(code):
-    command = None
-    for named, option in MENTION.findall(code.remedy):
-        if named:
-            assert named in cli.COMMANDS
-            command = named
-        else:
-            assert option.replace("-", "_") in parameters(command or "reconstruct"), f"{command} --{option}"
+def test_remedies_name_only_commands_and_options_that_exist():
+    for code in Code:
+        command = "reconstruct"
+        for named, option in MENTION.findall(code.remedy):
+            command = named or command
+            assert command in cli.COMMANDS, code
+            assert not option or option.replace("-", "_") in parameters(command), f"{code}: {command} --{option}"
 
 
 def test_a_finding_holds_its_sentence_its_figures_and_the_remedy_of_a_doubt():

@@ -81,6 +81,32 @@ def test_a_capture_that_is_refused_is_not_tried_again_and_its_reason_kept(doubli
     assert recording.refusal() == "Graph capture failed: operation not permitted"
 
 
+def test_a_graph_that_is_not_launched_is_called_instead_and_its_reason_kept(doubling, device, monkeypatch):
+    recorded, numbers, calls = doubling
+    monkeypatch.setattr(recording._State, "refusal", None)
+
+    def refuse(graph):
+        raise RuntimeError("Graph creation error: out of memory")
+
+    monkeypatch.setattr(wp, "capture_launch", refuse)
+    for _ in range(4):
+        recorded.run()
+    # Called, captured, called in its place, and so on.
+    assert (len(calls), recorded.replays, numbers.numpy()[0]) == (5, False, 16)
+    assert recording.refusal() == "Graph creation error: out of memory"
+
+
+def test_captures_of_a_card_share_one_stream(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "Stream", lambda device: [device])
+    monkeypatch.setattr(wp, "stream_from_torch", lambda stream: [stream])
+    try:
+        assert recording._aside("cuda:1") is recording._aside("cuda:1")
+        assert recording._aside("cuda:0") == [["cuda:0"]]
+    finally:
+        recording._aside.cache_clear()
+
+
 @pytest.mark.parametrize("every", [1, 3])
 def test_replayed_renderings_are_those_that_were_called(make, device, every):
     case = make()

@@ -43,13 +43,14 @@ def encode(words: U32) -> bytes:
     DLPU018, section 2.4.3.
     """
     check_words(words)
-    repeat, copied = repeats(words), np.zeros(words.shape, bool)
+    copied = np.zeros(words.shape, bool)
     copied[1:] = words[1:] == words[:-1]
-    copy = run_lengths(copied)
-    pieces: list[bytes] = []
-    for row, repeated, same in zip(pixel_bytes(words), repeat, copy, strict=True):
-        pieces += _row(row, repeated, same)
-    return padded(b"".join(pieces) + b"\0\1\0")
+    # Most rows of masks repeat the one above, and are one copy of it.
+    width = words.shape[1]
+    anew = ~copied.all(axis=1) | (width < _COPY_BREAKS_LITERAL)
+    above = b"\0\1" + _count(width) + b"\0\0"
+    rows = map(_row, pixel_bytes(words[anew]), repeats(words[anew]), run_lengths(copied[anew]))
+    return padded(b"".join(b"".join(next(rows)) if new else above for new in anew) + b"\0\1\0")
 
 
 def _row(pixels: bytes, repeat: I64, copy: I64) -> Iterator[bytes]:

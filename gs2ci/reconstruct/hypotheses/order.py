@@ -18,8 +18,7 @@ from gs2ci.reconstruct.geometry.reversal import share_with_travel, turned
 
 LEAST_SCHEDULE: Final = 150
 """If the whole fit has fewer iterations, no fit of the other order is made: it would not show what hides what."""
-# The tracks' preference counts a third, since their errors are correlated (`motion.preference`); turning less counts up
-# to one error.
+# The tracks' preference is as sure as a third of its errors, since they are correlated (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 
 
@@ -35,9 +34,10 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
 def in_likelier_order(geometry: Geometry) -> Geometry:
     """Return a geometry whose order is open, turned over if the tracks' preference and its turning speak for it.
 
-    Its `order_errors` then say by how many errors tracks prefer the order taken, 0 if they prefer the other one.
+    Turning less counts up to one error of the tracks. `order_errors` of the result say by how many errors tracks prefer
+    the order taken, 0 if they prefer the other one.
     """
-    tracks, other = _TRACKS_COUNT * (geometry.order_errors or 0.0), turned(geometry)
+    tracks, other = geometry.order_errors or 0.0, turned(geometry)
     backwards = tracks + share_with_travel(geometry) - share_with_travel(other) < 0
-    errors = max(0.0, -tracks if backwards else tracks)
+    errors = _TRACKS_COUNT * max(0.0, -tracks if backwards else tracks)
     return replace(other if backwards else geometry, order_errors=errors, other_order=None)

@@ -58,6 +58,9 @@ class _Job:
 class WarpBackend:
     """Warp kernels on a CUDA device, or on the CPU by fibers: the same bits from run to run on one device.
 
+    They are queued on torch's default stream of the device; who computes on another stream waits for it, and lets it
+    wait, as `gs2ci.reconstruct` does.
+
     Args:
         settings: What may be left out; None takes the defaults.
         device: A name of Warp's, such as "cuda:0"; None takes the first CUDA device there is, else the CPU.
@@ -76,7 +79,7 @@ class WarpBackend:
         self.device = torch.device(self.place if shared else "cpu")
         if shared:
             # What either of the two queues waits for what the other has queued before, in their order.
-            wp.set_stream(wp.stream_from_torch(self.device), self.place)
+            wp.set_stream(wp.stream_from_torch(torch.cuda.default_stream(self.device)), self.place)
         self._full_codings: dict[tuple[int, int, int, CanvasSampling | None], OpenBlocks] = {}
 
     def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> WarpMaskSet:

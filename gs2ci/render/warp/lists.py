@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import warp as wp
+from warp import int32
 
+from gs2ci.render.recording import Floats, Ints
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.types import TiledCamera
 
@@ -20,19 +22,19 @@ def emit(
     gaussians: int,
     camera: TiledCamera,
     boxes: wp.array(dtype=wp.vec4i),
-    depths: wp.array(dtype=wp.float32),
-    starts: wp.array(dtype=wp.int32),
-    blocks_before: wp.array(dtype=wp.int32),
+    depths: Floats,
+    starts: Ints,
+    blocks_before: Ints,
     keys: wp.array(dtype=wp.int64),
-    rows: wp.array(dtype=wp.int32),
-    owner: wp.array(dtype=wp.int32),
+    rows: Ints,
+    owner: Ints,
 ):
     """Write a key for each block that a Gaussian of a view may touch; each has a row of its own for its gradient."""
     at = wp.tid()
     box = boxes[at]
     base = (at // gaussians) * camera.tiles_x * camera.tiles_y
     row = starts[at]
-    bits = wp.int64(wp.cast(depths[at], wp.int32))
+    bits = wp.int64(wp.cast(depths[at], int32))
     for ty in range(box[2], box[3] + 1):
         tile = base + ty * camera.tiles_x
         for block in range(blocks_before[tile + box[0]], blocks_before[tile + box[1] + 1]):
@@ -43,16 +45,14 @@ def emit(
 
 
 @wp.kernel
-def find_ranges(
-    keys: wp.array(dtype=wp.int64), total: int, begin: wp.array(dtype=wp.int32), end: wp.array(dtype=wp.int32)
-):
+def find_ranges(keys: wp.array(dtype=wp.int64), total: int, begin: Ints, end: Ints):
     """Find where each block's list begins and ends among the sorted keys."""
     i = wp.tid()
-    block = wp.int32(keys[i] >> wp.int64(32))
+    block = int32(keys[i] >> wp.int64(32))
     if i == 0:
         begin[block] = 0
     else:
-        before = wp.int32(keys[i - 1] >> wp.int64(32))
+        before = int32(keys[i - 1] >> wp.int64(32))
         if before != block:
             begin[block] = i
             end[before] = i
@@ -67,7 +67,8 @@ class BlockLists:
     Args:
         total: Number of entries of all lists.
         starts: Where the rows of each Gaussian in each view begin, and where they end, [V * G + 1].
-        rows: The entries' rows, block after block, nearest first, [total or more].
+        keys: What they are sorted by, and room for the sort, [2 * total or more].
+        rows: The entries' rows, block after block, nearest first, [2 * total or more].
         owner: The Gaussian and view, view * G + g, of each row, [total or more].
         begin: Where each block's list begins, [blocks].
         end: Where it ends, [blocks].
@@ -75,6 +76,7 @@ class BlockLists:
 
     total: int
     starts: Any
+    keys: Any
     rows: Any
     owner: Any
     begin: Any
@@ -106,8 +108,9 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
     """
     coding: OpenBlocks = projected.key.coding
     device, pairs = coding.device, len(projected.counts) - 1
-    starts = wp.empty(pairs + 1, dtype=wp.int32, device=device) if room is None else room.starts
-    wp.utils.array_scan(projected.counts, starts, inclusive=False)
+    starts = wp.empty(pairs + 1, dtype=int32, device=device) if room is None else room.starts
+    with wp.ScopedDevice(device):  # Warp scans and sorts on the device that is current, wherever arrays lie
+        wp.utils.array_scan(projected.counts, starts, inclusive=False)
     total = int(starts[-1:].numpy()[0])
     if room is not None and total <= len(room.owner):
         lists = replace(room, total=total)
@@ -115,10 +118,11 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
         lists.end.zero_()
     else:
         size = max(1, int(total * (1 + spare)))
-        # The sort works in arrays of twice the length.
-        rows, owner = (wp.empty(times * size, dtype=wp.int32, device=device) for times in (2, 1))
-        begin, end = (wp.zeros(coding.blocks, dtype=wp.int32, device=device) for _ in range(2))
-        lists = BlockLists(total, starts, rows, owner, begin, end)
+        # The sort works in arrays of twice the length; what is freed goes back to the driver, which takes long.
+        keys = wp.empty(2 * size, dtype=wp.int64, device=device)
+        rows, owner = (wp.empty(times * size, dtype=int32, device=device) for times in (2, 1))
+        begin, end = (wp.zeros(coding.blocks, dtype=int32, device=device) for _ in range(2))
+        lists = BlockLists(total, starts, keys, rows, owner, begin, end)
     if total:
         _fill(lists, projected, coding)
     return lists
@@ -126,8 +130,7 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
 
 def _fill(lists: BlockLists, projected: Projected, coding: OpenBlocks) -> None:
     """Write the entries, sort them, and find each block's."""
-    device, total = coding.device, lists.total
-    keys = wp.empty(2 * total, dtype=wp.int64, device=device)
+    device, total, keys = coding.device, lists.total, lists.keys
     wp.launch(
         emit,
         dim=len(projected.boxes),
@@ -138,5 +141,6 @@ def _fill(lists: BlockLists, projected: Projected, coding: OpenBlocks) -> None:
         outputs=[keys, lists.rows, lists.owner],
         device=device,
     )
-    wp.utils.radix_sort_pairs(keys, lists.rows, total, 0, 32 + max(1, coding.blocks.bit_length()))
+    with wp.ScopedDevice(device):
+        wp.utils.radix_sort_pairs(keys, lists.rows, total, 0, 32 + max(1, coding.blocks.bit_length()))
     wp.launch(find_ranges, dim=total, inputs=[keys, total], outputs=[lists.begin, lists.end], device=device)

@@ -34,6 +34,8 @@ def test_all_on_in_pattern_0_is_the_reference_stream_of_6484_bytes() -> None:
         # Two of a kind are a run where one begins anyway, and stay among literals otherwise.
         ([[2, 2, 3]], "02 00 00 02 01 00 00 03 00 00 00 01 00 00 00 00"),
         ([[1, 2, 2, 3]], "00 04 00 00 01 00 00 02 00 00 02 00 00 03 00 00 00 01 00 00"),
+        # A copy of one pixel is as long as the pixel.
+        ([[7], [7]], "01 00 00 07 00 00 01 00 00 07 00 00 00 01 00 00"),
         ([[5, 6], [5, 6]], "00 02 00 00 05 00 00 06 00 00 00 01 02 00 00 00 01 00 00 00"),
     ],
 )

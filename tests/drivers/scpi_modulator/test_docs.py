@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from gs2ci_drivers.scpi_modulator.packets import PROTOCOL, VERSION, block_request, request
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import World
@@ -44,6 +42,6 @@ def test_the_page_names_the_version_and_every_error_of_the_reference_device() ->
         assert f"| {str(code).replace('-', '−')} | {text} |" in PAGE
 
 
-@pytest.mark.parametrize("command", sorted(ScpiModulatorTwin(World())._commands))
-def test_the_page_names_every_command_of_the_reference_device(command: str) -> None:
-    assert re.search(rf"`{re.escape(command)}[` ]", PAGE)
+def test_the_page_names_every_command_of_the_reference_device() -> None:
+    commands = ScpiModulatorTwin(World())._commands
+    assert [command for command in commands if not re.search(rf"`{re.escape(command)}[` ]", PAGE)] == []

@@ -15,13 +15,14 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.paper.fine import FineSettings
-from gs2ci.reconstruct.presets.named import preset
+from gs2ci.reconstruct.presets.named import preset, rescheduled
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from tests.exposed_rooms import adjacent, room
 from tests.reconstruct.exposures.rooms import FOCAL_PX, PLACES, seen, textures
 
 SIZE = (48, 64)
-SETTINGS = replace(preset("draft"), registration=RegistrationSettings("off"))
+DRAFT = preset("draft")
+SETTINGS = replace(DRAFT, registration=RegistrationSettings("off"), fit=rescheduled(DRAFT.fit, 60))
 
 
 @pytest.fixture(scope="module")

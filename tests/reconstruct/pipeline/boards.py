@@ -24,6 +24,8 @@ QUICK = Settings(
 SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)
 # Long enough for a look, and for a population that changed: what bits are compared needs no more.
 BRIEF = replace(SHORT, fit=replace(SHORT.fit, iterations=24, densify_every=8))
+# For what is decided before a fit.
+FIRST = replace(SHORT, fit=replace(SHORT.fit, iterations=1), fits=1, polish=None, uncertainty=False)
 
 
 def wall_with_a_board(channels=3, wall_px=0.4, board_px=1.6):

@@ -13,7 +13,7 @@ from gs2ci.reconstruct import observe
 from gs2ci.reconstruct.hypotheses import race
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.budget import Budget
-from tests.reconstruct.pipeline.boards import BRIEF, FOCAL_PX, QUICK, SHORT, VIEWS, expose, wall_with_a_board
+from tests.reconstruct.pipeline.boards import FIRST, FOCAL_PX, QUICK, SHORT, VIEWS, expose, wall_with_a_board
 
 pytestmark = pytest.mark.slow
 
@@ -23,7 +23,7 @@ def test_the_geometry_may_come_from_a_camera_file_found_in_proxy_views(shot, tmp
     poses[:, 0, 3] = -np.arange(VIEWS) / FOCAL_PX  # a camera that moves to the right
     camera_file = tmp_path / "transforms.json"
     camera_file.write_text(json.dumps(nerfstudio_transforms(poses, shot.intrinsics, shot.size)))
-    settings = replace(SHORT, poses=f"file:{camera_file}", proxy="eni", fit=replace(SHORT.fit, iterations=1))
+    settings = replace(FIRST, poses=f"file:{camera_file}", proxy="eni")
     result = reconstruct(shot, settings).result
     assert result.geometry.asked_for == f"file:{camera_file}"
     assert (result.geometry.method, result.geometry.proxy) == ("file", "eni")
@@ -58,7 +58,7 @@ def test_poses_that_the_views_do_not_bear_out_are_said_to_be_left_out(shot):
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))
     poses[:, 0, 3] = np.linspace(0, 1, VIEWS)
     dark = replace(shot, measurement=np.zeros_like(shot.measurement), telemetry_world_to_camera=poses)
-    settings = replace(SHORT, poses="stage", fit=replace(SHORT.fit, iterations=1))
+    settings = replace(FIRST, poses="stage")
     notes = [note.sentence for note in reconstruct(dark, settings).result.notes]
     assert any("poses of the stage were not used" in note for note in notes)
     assert not any("moved the poses" in note for note in notes)
@@ -81,7 +81,7 @@ def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypa
 
     monkeypatch.setattr(observe, "joins_in_part", lambda _: True)
     monkeypatch.setattr(observe, "look_far_apart", again)
-    settings = replace(BRIEF, look_again=True, fits=1)
+    settings = replace(FIRST, look_again=True)
     assert reconstruct(shot, settings).result.geometry.method == ("wide" if joins else "tracks")
 
 
@@ -95,7 +95,7 @@ def test_beside_a_motion_without_tracks_features_are_matched_before_any_fit(shot
 
     monkeypatch.setattr(observe, "needs_rest", lambda _: True)
     monkeypatch.setattr(observe, "look_far_apart", again)
-    settings = replace(BRIEF, look_again=True, fits=1, poses=poses)
+    settings = replace(FIRST, look_again=True, poses=poses)
     assert reconstruct(shot, settings).result.geometry.method == ("wide" if matched else "tracks")
     assert seen == ([True] if matched else [])
 
@@ -111,7 +111,7 @@ def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
 
 def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     still = replace(shot, telemetry_world_to_camera=np.tile(np.eye(4), (VIEWS, 1, 1)))
-    result = reconstruct(still, replace(SHORT, poses="auto", fit=replace(SHORT.fit, iterations=1))).result
+    result = reconstruct(still, replace(FIRST, poses="auto")).result
     method = result.geometry.method
     assert result.geometry.asked_for == "auto"
     assert method in ("tracks", "uniform")

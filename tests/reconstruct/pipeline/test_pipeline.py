@@ -41,8 +41,21 @@ def found(shot):
 
 
 @pytest.fixture(scope="module")
-def found_briefly(shot):
-    return reconstruct(shot, BRIEF)
+def briefly(shot):
+    """A reconstruction, and what it compiled that is not declared."""
+
+    def compiled_for():
+        return {(one, types) for _, one, _ in kernels_of_the_product() for types in one.signatures}
+
+    before = compiled_for()
+    found = reconstruct(shot, BRIEF)
+    declared = {(one, types) for _, one, types in kernels_of_the_product()}
+    return found, [(one.__name__, types) for one, types in compiled_for() - before - declared]
+
+
+@pytest.fixture(scope="module")
+def found_briefly(briefly):
+    return briefly[0]
 
 
 def assert_same_bits(first, second):
@@ -88,15 +101,22 @@ def test_the_result_is_whole(shot, found):
     np.testing.assert_allclose(result.predicted_measurement, predicted, atol=1e-5)
 
 
-def test_the_truth_is_not_read(shot, found_briefly):
-    assert_same_bits(reconstruct(replace(shot, truth=Truth()), BRIEF), found_briefly)
-
-
-def test_without_standard_errors_the_same_bits_come_out(shot, found_briefly):
+def test_neither_truth_nor_standard_errors_nor_threads_change_a_bit(shot, found_briefly):
+    """The other run had all threads that this process may take: one beside others, two or more alone."""
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("Numba was started with one thread")
+    before = numba.get_num_threads(), torch.get_num_threads()
+    count = 1 if before[0] > 1 else 2
+    try:
+        numba.set_num_threads(count)
+        torch.set_num_threads(count)
+        other = reconstruct(replace(shot, truth=Truth()), replace(BRIEF, uncertainty=False))
+    finally:
+        numba.set_num_threads(before[0])
+        torch.set_num_threads(before[1])
     assert found_briefly.result.uncertainty is not None
-    without = reconstruct(shot, replace(BRIEF, uncertainty=False))
-    assert without.result.uncertainty is None
-    assert_same_bits(without, found_briefly)
+    assert other.result.uncertainty is None
+    assert_same_bits(other, found_briefly)
 
 
 def test_most_values_lie_within_two_standard_errors_and_err_more_where_these_are_larger(shot, found):
@@ -108,36 +128,14 @@ def test_most_values_lie_within_two_standard_errors_and_err_more_where_these_are
     assert np.array_equal(errors.depth > 0, found.result.depth > 0)
 
 
-def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_briefly):
-    """The other run had all that this process may take: one beside others, two or more alone."""
-    if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("Numba was started with one thread")
-    before = numba.get_num_threads(), torch.get_num_threads()
-    count = 1 if before[0] > 1 else 2
-    try:
-        numba.set_num_threads(count)
-        torch.set_num_threads(count)
-        assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
-    finally:
-        numba.set_num_threads(before[0])
-        torch.set_num_threads(before[1])
-
-
 def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_briefly, monkeypatch):
     monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
     assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
 
 
-def test_kernels_are_called_with_the_types_that_they_declare(shot):
+def test_kernels_are_called_with_the_types_that_they_declare(briefly):
     """Else `gs2ci compile` compiles what nobody calls, and the first call compiles once more."""
-
-    def compiled_for():
-        return {(one, types) for _, one, _ in kernels_of_the_product() for types in one.signatures}
-
-    before = compiled_for()
-    reconstruct(shot, BRIEF)
-    declared = {(one, types) for _, one, types in kernels_of_the_product()}
-    assert [(one.__name__, types) for one, types in compiled_for() - before - declared] == []
+    assert briefly[1] == []
 
 
 def kernels_of_the_product():

@@ -1,13 +1,24 @@
 """A smooth field beyond the affine is found where the measurement tells it, and nowhere else."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from gs2ci.reconstruct.registration.coarse import find_tiles, fine_pattern
-from gs2ci.reconstruct.registration.field import find_field
+from gs2ci.reconstruct.registration.coarse import Peak, Tile, find_tiles, fine_pattern
+from gs2ci.reconstruct.registration.field import (
+    FieldEstimate,
+    _bases,
+    _by_tiles,
+    _jacobian,
+    _let_in,
+    _moves,
+    _predicts_better,
+    bent_px,
+    find_field,
+)
 from gs2ci.reconstruct.registration.fine import Problem
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -122,3 +133,68 @@ def test_a_shot_without_a_field_gets_none(bench):
         for name in LOW:
             value, error = found.tried[name]
             assert abs(value) < 5 * error
+
+
+def tiles_of(placement, size, count=(4, 4)):
+    """Tiles in a grid, each displaced as a placement displaces its middle."""
+    rows, columns = (np.linspace(0, n - 1, k) for n, k in zip(size, count, strict=True))
+    middle = (np.array(size) - 1) / 2
+    found = []
+    for row in rows:
+        for column in columns:
+            down, right = placement.moved_px(np.array([(row, column)]) - middle)[0]
+            found.append(Tile((row, column), Peak(float(down), float(right), 9.0, 0.5, 20.0)))
+    return found
+
+
+def test_tiles_that_agree_give_the_field_and_one_that_does_not_is_dropped():
+    size, true = (200, 240), Placement(down_px=1.0, radial_px=0.3)
+    tiles = tiles_of(true, size)
+    found = _by_tiles(tiles, Placement(), size)
+    assert found.radial_px == pytest.approx(0.3, abs=0.03)
+    tiles[5] = replace(tiles[5], peak=replace(tiles[5].peak, right_px=8.0))
+    assert _by_tiles(tiles, Placement(), size).radial_px == pytest.approx(0.3, abs=0.03)
+
+
+def test_few_tiles_and_tiles_that_lie_where_they_should_give_no_field():
+    size, true = (200, 240), Placement(radial_px=0.3)
+    assert _by_tiles(tiles_of(true, size, (3, 4)), Placement(), size) is not None
+    assert _by_tiles(tiles_of(true, size, (3, 4))[:11], Placement(), size) is None
+    assert _by_tiles(tiles_of(Placement(), size), Placement(), size) is None
+
+
+def test_a_unit_of_each_parameter_moves_as_a_small_placement_does():
+    row, column = np.meshgrid(np.linspace(-40, 40, 5), np.linspace(-50, 50, 6), indexing="ij")
+    names, small = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear", *FIELD), 1e-4
+    moved = _moves(row, column, names)
+    places = np.stack([row, column], axis=-1).reshape(-1, 2)
+    for name, by in zip(names, moved, strict=True):
+        change = getattr(Placement(), name) + small
+        really = Placement(**{name: change}).moved_px(places).T.reshape(by.shape) / small
+        np.testing.assert_allclose(by, really, atol=2e-2 * max(1.0, np.abs(by).max()), err_msg=name)
+
+
+def test_terms_are_let_in_together_if_one_is_sure_and_masks_move_enough():
+    placement = Placement(radial_px=0.5)
+    sure = FieldEstimate(Misfit(placement), dict.fromkeys(LOW, 1e-4), 0.07)
+    assert "radial_px" in _let_in(sure)
+    assert _let_in(replace(sure, bent_px=0.04)) == ()
+    assert _let_in(replace(sure, errors=dict.fromkeys(LOW, 1.0))) == ()
+    assert bent_px(Placement(scale=0.01), (40, 50)) == pytest.approx(0.0, abs=1e-9)
+    assert bent_px(placement, (200, 240)) > 0.05
+
+
+def test_derivatives_are_those_of_errors_that_grow_with_a_shift():
+    down, right = np.random.default_rng(0).normal(size=(2, 20, 24))
+    problem = SimpleNamespace(errors=lambda one: down * one.placement.down_px + right * one.placement.right_px)
+    found = _jacobian(problem, Misfit(), _bases((20, 24), ("down_px", "right_px")))
+    np.testing.assert_allclose(found, [down, right], atol=1e-9)
+
+
+def test_what_errs_surely_less_predicts_better():
+    rng = np.random.default_rng(0)
+    errors = {0.0: 0.05 * rng.normal(size=(20, 24)), 1.0: 0.03 * rng.normal(size=(20, 24))}
+    problem = SimpleNamespace(size=(20, 24), errors=lambda one: errors[one.placement.down_px])
+    without, found = Misfit(), Misfit(Placement(down_px=1.0))
+    assert _predicts_better(problem, without, found)
+    assert not _predicts_better(problem, found, without)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gs2ci.reconstruct.registration import sharpen
 from gs2ci.reconstruct.registration.misfit import variance_of
 from gs2ci.reconstruct.registration.sharpen import sources, unblur
 from tests.reconstruct.registration.warps import blurred
@@ -129,3 +130,29 @@ def test_steps_find_what_filtering_leaves_out(masks):
     filtered, stepped = (unblur(soft, 2.0, 1e-6, steps) for steps in (0, 100))
     assert np.mean((filtered > 0.5) != masks) > 0.01
     assert np.abs(stepped - masks).max() < 0.3
+
+
+def test_softness_that_explains_too_little_and_pictures_that_are_too_small_tell_no_source(masks):
+    """Noise of a fourteenth of their variance; and twelve rows, which hold too few elements."""
+    soft = blurred(masks[:1, :40, :48], 0.6)
+    noisy = soft + np.random.default_rng(7).normal(0, np.sqrt(0.075 * soft.var()), soft.shape)
+    assert binary_source(noisy.astype(np.float32)) is None
+    assert sources(np.clip(soft, 0, 1)[:, :12].astype(np.float32)) == []
+
+
+def test_an_interpolation_is_told_by_a_part_of_128_px(monkeypatch):
+    asked = []
+
+    def searched(hypotheses, part, *_):
+        asked.append(part.shape)
+        return hypotheses[0]
+
+    def blur_beside(part, shift):
+        asked.append(part.shape)
+        return shift, 0.0
+
+    monkeypatch.setattr(sharpen, "_search", searched)
+    monkeypatch.setattr(sharpen, "_interpolation_and_blur", blur_beside)
+    sharpen._Softening.of(np.zeros((1, 24, 256)))
+    assert set(asked) == {(1, 24, 128), (1, 24, 256)}
+    assert asked[-1] == (1, 24, 128)

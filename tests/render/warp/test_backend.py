@@ -1,6 +1,7 @@
 """What the Warp backend has of its own: devices, lists that are kept, a rendering that is differentiated once."""
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
 import torch
@@ -9,6 +10,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.settings import RasterSettings
 
 pytest.importorskip("warp", reason="Warp is not installed")
+
+import warp as wp
 
 from gs2ci.render.warp.backend import WarpBackend
 
@@ -49,6 +52,25 @@ def test_lists_are_made_anew_for_another_population_or_other_masks(make, change)
     backend.coded(fewer.scene, case.poses, case.intrinsics, mask_set, reuse=reuse)
     coded(backend, fewer, reuse)
     assert reuse.listings == 3
+
+
+def test_lists_are_scanned_and_sorted_on_the_device_where_they_lie(make, monkeypatch):
+    case, backend, current, found = make(), WarpBackend(), [], []
+
+    @contextmanager
+    def device_as_current(device):
+        current.append(device)
+        yield
+        current.pop()
+
+    for name in ("array_scan", "radix_sort_pairs"):
+        work = getattr(wp.utils, name)
+        monkeypatch.setattr(
+            wp.utils, name, lambda *given, work=work, **how: (found.append(list(current)), work(*given, **how))
+        )
+    monkeypatch.setattr(wp, "ScopedDevice", device_as_current)
+    coded(backend, case, None)
+    assert found == [["cpu"], ["cpu"]]
 
 
 def test_a_rendering_is_differentiated_once(make):

@@ -48,7 +48,7 @@ def look():
 def test_the_bound_of_a_sensor_effect_holds_and_is_not_idle(kind):
     reached = []
 
-    @settings(max_examples=60, deadline=None, derandomize=True, database=None)
+    @settings(max_examples=25, deadline=None, derandomize=True, database=None)
     @given(
         effect=SENSOR_FAMILY[kind],
         rig=rigs(),

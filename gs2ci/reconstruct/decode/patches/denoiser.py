@@ -7,11 +7,13 @@ Here: which groups are used when, and colour. Not here: the search for them (`ma
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
-from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups
+from gs2ci.reconstruct.decode.patches.matching import SIDE, Lattice, find_groups
+from gs2ci.render.places import working_device
 
 # Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which motion is found and
 # patches are compared (a decomposition would leave its sign open, and no flow is found in a picture that is negative);
@@ -56,15 +58,21 @@ class SimilarPatches:
             self._groups[phase] = find_groups(guide, Flow.between(guide), self._lattice, phase)
         patch = self._lattice.patch((views.shape[2], views.shape[3]))
         fallback = _within_noise(before, given, sigma)
-        planes = [
-            denoise_groups(
-                np.ascontiguousarray(plane), self._groups[phase], patch, sigma, np.ascontiguousarray(without_patch)
-            )
-            for plane, without_patch in zip(given.swapaxes(0, 1), fallback.swapaxes(0, 1), strict=True)
-        ]
-        denoised = _restored(np.stack(planes, axis=1))
+        planes, without_patch = (np.ascontiguousarray(one.swapaxes(0, 1)) for one in (given, fallback))
+        denoised = _restored(_denoise(planes, self._groups[phase], patch, sigma, without_patch).swapaxes(0, 1))
         self._last = denoised.copy()
         return denoised
+
+
+def _denoise(planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32) -> F32:
+    """Denoise planes, [C, N, H, W], by the same groups, where such work is to be done (`places`)."""
+    device = working_device()
+    if device is not None and patch == (SIDE, SIDE):
+        from gs2ci.reconstruct.decode.patches.device_groups import denoise_groups_on_device  # noqa: PLC0415  an extra
+
+        return denoise_groups_on_device(planes, corners, sigma, fallback, device)
+    each = zip(planes, fallback, strict=True)
+    return np.stack([denoise_groups(plane, corners, patch, sigma, instead) for plane, instead in each])
 
 
 def _within_noise(before: F32, views: F32, sigma: float) -> F32:
@@ -75,8 +83,7 @@ def _within_noise(before: F32, views: F32, sigma: float) -> F32:
     opens, used by one call of four, the error grew by a factor of three each time, and left float32 in one decode.
     """
     most = np.float32(_MOST_LAG * sigma)
-    limited: F32 = views + np.clip(before - views, -most, most)
-    return limited
+    return views + np.clip(before - views, -most, most)
 
 
 def _opponent(views: F32) -> F32:
@@ -88,5 +95,4 @@ def _restored(planes: F32) -> F32:
 
 
 def _mixed(matrix: F32, views: F32) -> F32:
-    mixed: F32 = np.einsum("dc,nchw->ndhw", matrix, views)
-    return mixed
+    return np.einsum("dc,nchw->ndhw", matrix, views)

@@ -76,13 +76,15 @@ def test_views_that_err_little_gain_by_being_asked(unasked) -> None:
     assert np.mean(gained) > 1
 
 
-def after_steps(shot: Shot, rms: list[float], steps: int = 48) -> tuple[HeldoutNoise, list[np.ndarray]]:
+def after_steps(
+    shot: Shot, rms: list[float], steps: int = 48, sigma: float = 1e-3
+) -> tuple[HeldoutNoise, list[np.ndarray]]:
     """Show it views that err by so much at all pixels; also return the power after each step."""
     watch = HeldoutNoise(shot, steps, 0)
     powers = []
     for i, error in enumerate(rms):
         views = shot.truth.views + np.float32(error)
-        watch.after(np.ascontiguousarray(views.transpose(0, 3, 1, 2)), 1e-3, i + 1, steps - i - 1)
+        watch.after(np.ascontiguousarray(views.transpose(0, 3, 1, 2)), sigma, i + 1, steps - i - 1)
         powers.append(watch.power.copy())
     return watch, powers
 
@@ -99,11 +101,30 @@ def test_a_residual_that_rises_again_is_noise() -> None:
     assert 10.5 * 0.05**2 * 0.8 < np.median(powers[-1]) < 10.5 * 0.06**2 * 1.2
 
 
+def test_what_belongs_to_the_denoisers_level_is_no_noise_and_the_last_four_steps_count() -> None:
+    shot, falls = sliding(0.0), np.geomspace(0.3, 0.03, 30).tolist()
+    exact, level, shorter = (
+        np.median(after_steps(shot, [*falls, *[0.05] * ones, *[0.06] * (18 - ones)], sigma=sigma)[1][-1])
+        for ones, sigma in ((10, 1e-3), (10, 0.05), (14, 1e-3))
+    )
+    # An error of σ in each view, and half of six masks open.
+    assert exact - level == pytest.approx(VIEWS * OPEN * 0.05**2, rel=0.2)
+    assert shorter == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize(("rise", "shows"), [(1.005, False), (1.015, True)])
+def test_a_rise_of_the_residual_by_a_fiftieth_is_noise(rise: float, shows: bool) -> None:
+    _, powers = after_steps(sliding(0.0), [*np.geomspace(0.3, 0.05, 30), *[0.05] * 4, *[0.05 * rise] * 14])
+    assert bool(np.median(powers[-1]) > 0) is shows
+
+
 def test_pixels_are_held_out_of_all_but_the_last_steps() -> None:
     _, powers = after_steps(sliding(0.0), [0.1] * 48)
     hidden = [int((power > 1e9).sum()) for power in powers]
     assert hidden[38] == round(0.02 * (powers[0] >= 0).sum() * sliding(0.0).lit.mean())
     assert hidden[39:] == [0] * 9
+    _, powers = after_steps(sliding(0.0), [0.1] * 24, 24)
+    assert [bool((power > 1e9).any()) for power in powers[17:]] == [True, True, *[False] * 5]
 
 
 # The masks' sum in the mean square is 3.5 times its sum of squares: an error of all views adds up. Errors of 1.5 times
@@ -114,8 +135,9 @@ def test_a_decode_ends_at_the_level_of_its_views_errors_if_these_are_small(error
     assert watch.last_sigma(0.02) == pytest.approx(level, rel=0.1)
 
 
-@pytest.mark.parametrize(("views", "steps"), [(2, 48), (VIEWS, 8)])
+@pytest.mark.parametrize(("views", "steps"), [(2, 48), (VIEWS, 23)])
 def test_few_views_or_steps_are_not_watched(views: int, steps: int) -> None:
     watch, _ = after_steps(sliding(0.0, views), [0.001] * steps, steps)
     assert not watch.power.any()
     assert watch.last_sigma(0.02) == 0.02
+    assert HeldoutNoise(sliding(0.0), 24, 0).power.any()

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.core.cameras import path_extent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse.exposure import ExposureState, FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.stage import CoarseRun
 from gs2ci.reconstruct.fit.coarse.state import FitState
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
-from gs2ci.reconstruct.fit.optimiser.poses import path_extent
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, SurfaceSettings
@@ -91,7 +91,7 @@ def test_one_scene_predicts_the_held_out_pixels_of_all(exposures):
     given, _ = exposures
     fit = fitted(given, replace(QUICK, iterations=120, hold_out=HoldOut(share=0.05, look_every=30)))
     fit.advance()
-    results = fit.results()
+    results = [*map(fit.result, range(len(given)))]
     assert len(results) == len(given)
     assert all(one.scene is results[0].scene for one in results)
     left = [one.holdout.residual_rms(found.views) for one, found in zip(given, results, strict=True)]
@@ -128,7 +128,7 @@ def test_paths_that_are_tied_a_bit_wrong_come_to_lie_where_they_belong(exposures
     wrong = replace(given[1], geometry=replace(given[1].geometry, world_to_camera=off))
     fit = fitted([given[0], wrong, given[2]], replace(QUICK, iterations=300, relief=None))
     fit.advance()
-    first, second, _ = (one.world_to_camera[:, 1, 3] for one in fit.results())
+    first, second, _ = (one.world_to_camera[:, 1, 3] for one in map(fit.result, range(3)))
     assert abs(np.mean(second - first)) < 0.7 * 0.02
 
 

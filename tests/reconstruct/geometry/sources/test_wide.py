@@ -1,5 +1,6 @@
 """Features matched between all pairs of views: far apart and in no order, and where they show nothing."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources import mapper, wide
+from gs2ci.reconstruct.geometry.sources.mapper import MappedScene
 from gs2ci.reconstruct.geometry.sources.wide import wide_motion
 from tests.reconstruct.geometry.orbits import PLACES, around
 
@@ -122,3 +124,34 @@ def test_more_views_share_the_features_of_tilted_pictures(request_for, monkeypat
     request = request_for()
     assert wide_motion(request, flat(request), tilted=True).verdict == "unsupported"
     assert asked == [64_000 // len(PLACES)] * len(PLACES)
+
+
+def test_lengths_are_relative_to_the_median_inverse_depth_before_the_middle_view(request_for, scene, monkeypatch):
+    """A scene in another unit, whose middle camera stands away from the origin."""
+    path = np.tile(np.eye(4), (len(PLACES), 1, 1))
+    path[:, :3, 3] = np.array([0.1, 0.0, 0.0]) * np.arange(len(PLACES))[:, None] + (0.0, 0.0, 3.0)
+    depths = np.linspace(4.0, 10.0, 301)
+    points = np.column_stack([np.zeros_like(depths), np.zeros_like(depths), depths - 3.0])
+    spans = []
+    monkeypatch.setattr(wide, "_grown", lambda *_, **__: (MappedScene(path, points, 0.1, 0.01), len(path)))
+    monkeypatch.setattr(wide, "turns_far", lambda _: False)
+    monkeypatch.setattr(wide, "surface_map", lambda *given: spans.append(given[4]) or scene.inverse_depth)
+    request = request_for()
+    found = wide_motion(request, flat(request))
+    centres = np.linalg.inv(found.world_to_camera)[:, 0, 3]
+    np.testing.assert_allclose(np.diff(centres), -0.1 / 7.0, rtol=1e-6)
+    assert min(spans[0]) < 7.0 / 10.0
+    assert 7.0 / 4.0 < max(spans[0]) < 3.0
+
+
+@pytest.mark.parametrize(("size", "at_once"), [((720, 960), 1), ((360, 480), 6)])
+def test_so_many_views_share_the_memory_for_features(monkeypatch, size, at_once):
+    """A view of 720 × 960 px takes more than half of it: several at once have one thread each."""
+    asked, alone = [], []
+    monkeypatch.setattr(wide, "in_threads", lambda _, views, at_most: asked.append(at_most) or [([], [])] * len(views))
+    monkeypatch.setattr(wide, "one_opencv_thread", lambda: alone.append(True) or nullcontext())
+    monkeypatch.setattr(wide, "match_features", lambda *_: ())
+    monkeypatch.setattr(wide, "grown_scene", lambda *_: (None, 0))
+    assert wide._grown(np.zeros((2, *size, 1), np.float32), np.eye(3), tilted=False) == (None, 0)
+    assert asked == [at_once]
+    assert bool(alone) is (at_once > 1)
