@@ -135,7 +135,7 @@ def test_lengths_are_relative_to_the_median_inverse_depth_before_the_middle_view
     spans = []
     monkeypatch.setattr(wide, "_grown", lambda *_, **__: (MappedScene(path, points, 0.1, 0.01), len(path)))
     monkeypatch.setattr(wide, "turns_far", lambda _: False)
-    monkeypatch.setattr(wide, "surface_map", lambda *given: spans.append(given[4]) or scene.inverse_depth)
+    monkeypatch.setattr(wide, "sweep", lambda *given: spans.append(given[4]) or scene.inverse_depth)
     request = request_for()
     found = wide_motion(request, flat(request))
     centres = np.linalg.inv(found.world_to_camera)[:, 0, 3]
