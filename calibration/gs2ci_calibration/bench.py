@@ -20,7 +20,7 @@ Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bund
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum, unique
+from enum import Enum
 from typing import Final, Protocol
 
 import numpy as np
@@ -43,7 +43,6 @@ RETRIES: Final = 2
 """How often a pass is repeated after a lost or corrupt frame."""
 
 
-@unique
 class Arrangement(Enum):
     """A physical arrangement that a procedure requests."""
 

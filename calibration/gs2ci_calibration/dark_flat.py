@@ -363,7 +363,7 @@ def _hot(current: F64, error: F64) -> Bool:
 def _noise_error(noise: F64, freedom: int) -> F64:
     """Return the standard error of each pixel's noise; noise that is low by chance is not taken as more precise."""
     steadied = np.sqrt(0.5 * (np.square(noise) + trimmed_mean(np.square(noise))))
-    return np.asarray(steadied * np.sqrt(freedom / 2) / (freedom + PRIOR_FREEDOM))
+    return steadied * np.sqrt(freedom / 2) / (freedom + PRIOR_FREEDOM)
 
 
 def _pooled(variances: F64, freedom: int) -> tuple[float, float]:

@@ -61,7 +61,7 @@ class Dark:
 
     def at(self, exposure_s: float) -> F64:
         """Return the mean reading without light after an exposure, [H, W] DN."""
-        return np.asarray(self.offset_dn + self.current_dn_per_s * exposure_s)
+        return self.offset_dn + self.current_dn_per_s * exposure_s
 
 
 def check_stack(step: str, frames: F32) -> None:
@@ -111,7 +111,7 @@ def mean_error(variance: F64, frames: int) -> F64:
     larger by f / (f − 2).
     """
     freedom = frames - 1 + PRIOR_FREEDOM
-    return np.asarray(np.sqrt(variance / frames * freedom / (freedom - 2)))
+    return np.sqrt(variance / frames * freedom / (freedom - 2))
 
 
 def noise_variance(pixels: F64, lit: F64) -> tuple[float, float]:

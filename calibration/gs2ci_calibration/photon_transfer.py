@@ -101,7 +101,7 @@ def _take_sweep(bench: Bench, dark: Dark, full: Full) -> ExposureSweep:
 
 
 def _mean(stack: Stack) -> F64:
-    return np.asarray(stack.readings[0].mean(axis=0, dtype=np.float64))
+    return stack.readings[0].mean(axis=0, dtype=np.float64)
 
 
 def _section(bench: Bench, found: SensorEstimate) -> Section:

@@ -4,12 +4,11 @@ A procedure that cannot trust its frames raises `CalibrationError` with the reas
 enough and what to do; nothing is written then. Not here: the tests of quality (the procedures).
 """
 
-from enum import Enum, unique
+from enum import Enum
 
 from gs2ci.core.errors import Gs2ciError
 
 
-@unique
 class Reason(Enum):
     """What is wrong with the bench, or with the request."""
 

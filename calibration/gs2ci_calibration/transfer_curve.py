@@ -134,11 +134,11 @@ class _Bend:
         if abs(departure) < 1e-9:  # far below the resolution of any sweep; the difference below would lose digits
             return signal
         b, a = 1 + 4 * departure, 4 * departure / self.full_dn
-        return np.asarray(2 * signal / (b + np.sqrt(np.maximum(b * b - 4 * a * signal, 0.0))))
+        return 2 * signal / (b + np.sqrt(np.maximum(b * b - 4 * a * signal, 0.0)))
 
     def slope(self, straight: F64, departure: float) -> F64:
         """Return ds/du."""
-        return np.asarray(1 + 4 * departure * (1 - 2 * straight / self.full_dn))
+        return 1 + 4 * departure * (1 - 2 * straight / self.full_dn)
 
 
 def estimate(
@@ -297,7 +297,7 @@ def _level_errors(points: _Points) -> F64:
     columns = np.stack([square, np.ones_like(square)], axis=1)
     shares, _ = nnls(columns[use] * weight[:, None], np.maximum(points.fluctuation - noise, 0.0)[use] * weight)
     # No lamp and no clock is steadier than one part in 100 000.
-    return np.asarray(np.sqrt((noise + columns @ shares + 1e-10 * square) / points.frames))
+    return np.sqrt((noise + columns @ shares + 1e-10 * square) / points.frames)
 
 
 def _departure(slope: float, square: float, full_dn: float) -> float:

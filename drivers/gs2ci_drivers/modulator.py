@@ -15,7 +15,7 @@ bytes (each driver's package), how shots are put together (`gs2ci_drivers.acquis
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from enum import Enum, unique
+from enum import Enum
 from typing import Any
 
 from gs2ci.core.clock import Clock
@@ -31,7 +31,6 @@ UploadProgress = Callable[[float], None]
 """Called with the share of the upload that is done, 0 to 1."""
 
 
-@unique
 class ModulatorState(Enum):
     """The state of a modulator."""
 

@@ -6,7 +6,7 @@ them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.pat
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum, unique
+from enum import Enum
 from math import ceil
 
 import numpy as np
@@ -15,7 +15,6 @@ from gs2ci.core.arrays import F64, U8, U16
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 
 
-@unique
 class TriggerOut(Enum):
     """What the modulator's trigger output does while a sequence runs."""
 

@@ -5,7 +5,7 @@ Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum, unique
+from enum import Enum
 from math import ceil
 
 from gs2ci.core.arrays import F64, U8, U16
@@ -15,7 +15,6 @@ from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, Trigg
 from gs2ci_drivers.sensor import TriggerMode
 
 
-@unique
 class Mode(Enum):
     """How modulator and sensor are synchronised (reference section 5)."""
 

@@ -14,7 +14,7 @@ Here: the records and the abstract class. Not here: ioctls (`gs2ci_drivers.v4l2`
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum, IntFlag, unique
+from enum import Enum, IntFlag
 
 from gs2ci.core.arrays import U16
 from gs2ci.core.clock import Clock
@@ -22,7 +22,6 @@ from gs2ci_drivers.device import Device
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError, WrongStateError
 
 
-@unique
 class TriggerMode(Enum):
     """What begins and ends an exposure."""
 
@@ -34,7 +33,6 @@ class TriggerMode(Enum):
     """The exposure lasts as long as the line is active; the set exposure is ignored."""
 
 
-@unique
 class FrameFlag(IntFlag):
     """Properties of one frame besides its pixels; stored as u4 in shot files."""
 
@@ -54,7 +52,6 @@ class FrameFlag(IntFlag):
     `STAMPED_AT_START`, it is the end of readout."""
 
 
-@unique
 class StampMeaning(Enum):
     """The event that a frame's time stamp marks."""
 

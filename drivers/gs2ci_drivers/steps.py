@@ -5,7 +5,6 @@ a capture are (`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self, TypeVar
 
 T = TypeVar("T")
@@ -47,9 +46,7 @@ class Steps:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         met = self.unwind(error)
         if error is None and met:
             raise met[0]

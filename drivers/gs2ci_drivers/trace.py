@@ -8,22 +8,24 @@ ports' contract (`gs2ci_drivers.ports`).
 """
 
 import base64
+import inspect
 import json
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, Protocol, TextIO, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar
 
 from gs2ci.core.clock import Clock
 from gs2ci.core.errors import StorageError, reason_of
-from gs2ci_drivers.ports import BytePort, HidPort, LibraryPort, MappedMemory, SysPort
+from gs2ci_drivers.ports import FeatureRefusalError
 
 T = TypeVar("T")
-Port = TypeVar("Port")
 
 SCHEMA = "gs2ci.wire/1"
+# A replay waits for nothing, and its memory is another.
+_LEFT_OUT = ("timeout_s", "mapping")
 _PACK_FROM_BYTES = 256
 """Longer blocks (frames, patterns) are deflated; shorter ones stay readable as hex."""
 
@@ -105,6 +107,9 @@ class CallLog(Protocol):
         except OSError as error:
             call.errno, call.error = (0 if isinstance(error, TimeoutError) else error.errno or -1), str(error)
             raise
+        except FeatureRefusalError as error:
+            call.error = str(error)
+            raise
         else:
             return result
         finally:
@@ -160,46 +165,40 @@ class Trace(CallLog):
         )
 
 
-class TracedPort(Generic[Port]):
-    """A port that writes down what passes.
+class TracedPort:
+    """A port that writes down what passes: each call of a method, with what goes in and what comes out.
+
+    Of what goes in, bytes are noted as sent, and all else as arguments; timeouts and mapped memory are left out.
 
     Args:
         port: The port.
         trace: Where it is written down.
     """
 
-    def __init__(self, port: Port, trace: CallLog) -> None:
+    def __init__(self, port: Any, trace: CallLog) -> None:
         self._port = port
         self._trace = trace
 
+    def __getattr__(self, name: str) -> Any:
+        method = getattr(self._port, name)
 
-class TracedHid(TracedPort[HidPort]):
-    """A `HidPort` that writes down what passes."""
+        def noted(*given: Any) -> Any:
+            call = Call(name)
+            for said, value in inspect.signature(method).bind(*given).arguments.items():
+                if isinstance(value, bytes):
+                    call.sent.append(value)
+                elif said not in _LEFT_OUT:
+                    call.args += value if isinstance(value, tuple) else [value]
+            return self._trace.note(call, lambda: method(*given), lambda result: self._outcome(call, result))
 
-    def write(self, report: bytes, timeout_s: float) -> None:
-        """Send one report and note it."""
-        self._trace.note(Call("write", sent=[report]), lambda: self._port.write(report, timeout_s))
+        return noted
 
-    def read(self, timeout_s: float) -> bytes:
-        """Receive one report and note it."""
-        return self._trace.note(Call("read"), lambda: self._port.read(timeout_s))
-
-    def close(self) -> None:
-        """Close port and trace."""
-        self._port.close()
-        self._trace.close()
+    def _outcome(self, call: Call, result: Any) -> None:
+        call.returned(result)
 
 
-class TracedBytes(TracedPort[BytePort]):
-    """A `BytePort` that writes down what passes."""
-
-    def write(self, data: bytes, timeout_s: float) -> None:
-        """Send and note."""
-        self._trace.note(Call("write", sent=[data]), lambda: self._port.write(data, timeout_s))
-
-    def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Receive and note."""
-        return self._trace.note(Call("read", args=[max_bytes]), lambda: self._port.read(max_bytes, timeout_s))
+class TracedStream(TracedPort):
+    """A `BytePort` or a `HidPort` that writes down what passes."""
 
     def close(self) -> None:
         """Close port and trace."""
@@ -207,7 +206,7 @@ class TracedBytes(TracedPort[BytePort]):
         self._trace.close()
 
 
-class TracedLibrary(TracedPort[LibraryPort]):
+class TracedLibrary(TracedPort):
     """A `LibraryPort` that writes down what passes."""
 
     def call(self, function: str, numbers: Sequence[int], data: bytes = b"") -> int:
@@ -219,26 +218,12 @@ class TracedLibrary(TracedPort[LibraryPort]):
         """Ask and note the code, and the number that was written."""
         call = Call(function, args=list(numbers))
         return self._trace.note(
-            call,
-            lambda: self._port.ask(function, numbers),
-            lambda found: call.returned([str(found[0]), str(found[1])]),
+            call, lambda: self._port.ask(function, numbers), lambda found: call.returned([str(one) for one in found])
         )
 
-    def close(self) -> None:
-        """Close and note."""
-        self._trace.note(Call("close"), self._port.close)
 
-
-class TracedSys(TracedPort[SysPort]):
+class TracedSys(TracedPort):
     """A `SysPort` that writes down what passes, pixels included."""
-
-    def open(self, path: str) -> int:
-        """Open and note."""
-        return self._trace.note(Call("open", args=[path]), lambda: self._port.open(path))
-
-    def close(self, fd: int) -> None:
-        """Close and note."""
-        self._trace.note(Call("close", args=[fd]), lambda: self._port.close(fd))
 
     def ioctl(self, fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
         """Call and note the memory before and after."""
@@ -250,33 +235,3 @@ class TracedSys(TracedPort[SysPort]):
             call.got = [bytes(part) for part in parts]
 
         return self._trace.note(call, lambda: self._port.ioctl(fd, request, argument, payload), outcome)
-
-    def mmap(self, fd: int, length: int, offset: int) -> MappedMemory:
-        """Map and note that it was done."""
-        call = Call("mmap", args=[fd, length, offset])
-        return self._trace.note(call, lambda: self._port.mmap(fd, length, offset), lambda mapping: None)
-
-    def copy_out(self, mapping: MappedMemory, length: int) -> bytes:
-        """Copy and note the bytes."""
-        return self._trace.note(Call("copy_out", args=[length]), lambda: self._port.copy_out(mapping, length))
-
-    def poll(self, fd: int, events: int, timeout_s: float) -> int:
-        """Wait and note what came."""
-        return self._trace.note(Call("poll", args=[fd, events]), lambda: self._port.poll(fd, events, timeout_s))
-
-    def clock_ns(self) -> int:
-        """Get the kernel's time and note it: frames' times are compared with it."""
-        return self._trace.note(Call("clock_ns"), self._port.clock_ns)
-
-    def list_nodes(self, pattern: str) -> list[str]:
-        """List and note."""
-        return self._trace.note(Call("list_nodes", args=[pattern]), lambda: self._port.list_nodes(pattern))
-
-    def read_file(self, path: str) -> bytes:
-        """Read and note."""
-        return self._trace.note(Call("read_file", args=[path]), lambda: self._port.read_file(path))
-
-    def write_file(self, path: str, data: bytes) -> None:
-        """Write and note."""
-        call = Call("write_file", args=[path], sent=[data])
-        self._trace.note(call, lambda: self._port.write_file(path, data))

@@ -134,12 +134,13 @@ def import_file(
         (1, True)
     """
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
-    from gs2ci.core.foreign import axes, curves, pixels
-    from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+    from gs2ci.core.foreign import curves, pixels
+    from gs2ci.core.foreign.assemble import import_shots
     from gs2ci.core.foreign.container import Array
+    from gs2ci.core.foreign.options import ImportOptions, Layout, MaskAxis
 
-    check_choice("--mask-axis", mask_axis, get_args(axes.MaskAxis))
-    check_choice("--meas-layout", meas_layout, get_args(axes.Layout))
+    check_choice("--mask-axis", mask_axis, get_args(MaskAxis))
+    check_choice("--meas-layout", meas_layout, get_args(Layout))
     check_choice("--bad-pixels", bad_pixels, get_args(pixels.BadPixels))
     check_choice("--curve", curve, get_args(curves.CurveName))
     options = ImportOptions(

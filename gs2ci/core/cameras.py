@@ -30,7 +30,17 @@ def camera_centres(world_to_camera: F64) -> F64:
     return np.asarray(np.linalg.inv(world_to_camera)[:, :3, 3], np.float64)
 
 
+def path_extent(world_to_camera: F64) -> float:
+    """Return the diameter of a path, [N, 4, 4]: the diagonal of the box around its centres, in the world's unit."""
+    return float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
+
+
+def in_camera(points: F64, world_to_camera: F64) -> F64:
+    """Return points of the world, [..., 3], in the coordinates of a camera of a rigid pose, [4, 4]."""
+    moved: F64 = points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
+    return moved
+
+
 def in_world(in_camera: F64, world_to_camera: F64) -> F64:
     """Return points given in a camera's coordinates, [P, 3], in the world of its rigid pose, [4, 4]."""
-    points: F64 = (in_camera - world_to_camera[:3, 3]) @ world_to_camera[:3, :3]
-    return points
+    return (in_camera - world_to_camera[:3, 3]) @ world_to_camera[:3, :3]

@@ -6,7 +6,6 @@ read their codes. `docs/findings.md` lists them all (`python -m tests.docs`). No
 (`gs2ci.core.errors`).
 """
 
-import enum
 import string
 import tomllib
 from collections.abc import Mapping
@@ -66,7 +65,6 @@ def _table(topic: str) -> dict[str, Any]:
     return tomllib.loads((Path(__file__).parent / "sentences" / f"{topic}.toml").read_text(encoding="utf-8"))
 
 
-@enum.unique
 class Code(StrEnum):
     """A kind of finding."""
 

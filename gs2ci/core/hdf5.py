@@ -195,8 +195,7 @@ class SuspectFile:
         # A text of a damaged type is a list of variable length, at which the library ends the process (HDF5 2.0.0).
         if attribute.dtype.kind not in "buif" and h5py.check_string_dtype(attribute.dtype) is None:
             raise self.wrong(key, f"attribute {name} is {attribute.dtype}", "a number or a text")
-        value: object = node.attrs[name]
-        return value
+        return node.attrs[name]
 
     def _check_bytes(self, key: str, shape: tuple[int, ...], dataset: Any) -> None:
         # A chunk is always decompressed as a whole, even if only part of it is requested.

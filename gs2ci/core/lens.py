@@ -87,14 +87,12 @@ def check_distortion(coefficients: NDArray[Any], intrinsics: F64, size: tuple[in
 def slopes_of(pixels: F64, intrinsics: F64) -> F64:
     """Turn pixels of a pinhole camera, [..., 2] as (x, y), into slopes, [..., 2]."""
     focal, centre = np.diag(intrinsics)[:2], intrinsics[:2, 2]
-    slopes: F64 = (pixels - centre) / focal
-    return slopes
+    return (pixels - centre) / focal
 
 
 def pixels_of(slopes: F64, intrinsics: F64) -> F64:
     """Turn slopes, [..., 2] as (x, y), into pixels of a pinhole camera, [..., 2]."""
-    pixels: F64 = slopes * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
-    return pixels
+    return slopes * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
 
 
 def _jacobian(slopes: F64, coefficients: F64) -> tuple[F64, F64, F64]:

@@ -85,8 +85,7 @@ def lattices(image: NDArray[Any], is_mosaic: bool) -> Iterator[NDArray[Any]]:
 def local_mean(image: F64, window_px: int = WINDOW_PX) -> F64:
     """Average a picture or stack, [..., H, W], over a window about each pixel."""
     sizes = (0,) * (image.ndim - 2) + (window_px, window_px)
-    mean: F64 = ndimage.uniform_filter(image, sizes)
-    return mean
+    return ndimage.uniform_filter(image, sizes)
 
 
 def growth(

@@ -12,8 +12,7 @@ from gs2ci.core.arrays import F64
 def ranks(values: ArrayLike) -> F64:
     """Return the ranks of numbers, [N], from 1; equal numbers get their mean rank."""
     _, which, counts = np.unique(np.asarray(values).reshape(-1), return_inverse=True, return_counts=True)
-    found: F64 = (np.cumsum(counts) - (counts - 1) / 2)[which]
-    return found
+    return (np.cumsum(counts) - (counts - 1) / 2)[which]
 
 
 def rank_correlation(one: ArrayLike, other: ArrayLike) -> float:

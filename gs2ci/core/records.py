@@ -133,6 +133,11 @@ class Shot:
         return int(self.masks.shape[1]), int(self.masks.shape[2])
 
     @property
+    def transmissions(self) -> F32:
+        """Get the products of masks and weights, [N, H, W]."""
+        return self.masks * self.weights[:, None, None]
+
+    @property
     def lit(self) -> Bool:
         """Get the pixels that at least one mask opens, [H, W]."""
         return np.asarray(self.masks[self.weights > 0].any(axis=0))

@@ -153,8 +153,7 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
         "notes": _notes(run.report.measured, shot),
         "exposures": _of_exposures(run, evidence),
     }
-    plain: dict[str, Any] = plain_json(found)
-    return plain
+    return plain_json(found)
 
 
 def _of_views(run: FinishedRun, evidence: ReferenceData, chosen: slice) -> dict[str, Any]:
@@ -227,8 +226,7 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
     """Code views as the run did: with the weights that it corrected, if any."""
     lit = replace(shot, weights=shot.weights_by(brightness))
-    predicted: F32 = Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
-    return predicted
+    return Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
 
 
 def _notes(measured: MeasurementSection, shot: Shot) -> list[Finding]:

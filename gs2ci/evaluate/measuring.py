@@ -25,7 +25,7 @@ from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.uncertainty.depths import movement
-from gs2ci.reconstruct.uncertainty.factors import PLACE_PX
+from gs2ci.reconstruct.uncertainty.factors import factors
 
 # The error of a depth as a share of the light's spread along the ray: Gaussians are thicker than the uncertainty of the
 # surface that they show. Determined on solids of known size (`python -m tests.benchmarks lengths`).
@@ -109,7 +109,9 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         if run.depth_error is not None:
             unsure = float(run.depth_error[view, row, column])
         else:
-            of_place = PLACE_PX / float(movement(run.world_to_camera, np.diag(run.intrinsics)[:2], view, ray * depth))
+            of_place = factors.place_px / float(
+                movement(run.world_to_camera, np.diag(run.intrinsics)[:2], view, ray * depth)
+            )
             unsure = depth * float(np.hypot(_OF_SPREAD * run.depth_spread[view, row, column], of_place))
         along = cameras.in_world(view, ray * unsure, directions=True)
         # How the point moves from one pixel to the next: beside the ray, and along it where the surface is slanted.
@@ -152,7 +154,7 @@ def _error_of_scale(run: FinishedRun) -> float:
     pixels = np.stack([columns, rows], axis=-1).astype(np.float64) + 0.5
     rays = Cameras(poses, run.intrinsics, run.distortion).rays(pixels)
     moved = float(np.median(movement(poses, np.diag(run.intrinsics)[:2], middle, rays * known[:, None])))
-    return float(np.hypot(turned, PLACE_PX * (1.0 if geometry.tracks else _UNTRACKED) / moved))
+    return float(np.hypot(turned, factors.place_px * (1.0 if geometry.tracks else _UNTRACKED) / moved))
 
 
 def _slopes(depth: F32, column: int, row: int) -> F64:

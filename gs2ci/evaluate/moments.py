@@ -37,8 +37,7 @@ def moments(count: int) -> F64:
     given: Any = count  # in Python it may be of any kind
     if not isinstance(given, Integral) or not 2 <= count <= MOST_MOMENTS:
         raise InputError(f"{count} moments", allowed=f"a whole number from 2 to {MOST_MOMENTS}")
-    times: F64 = np.linspace(-1.0, 1.0, count)
-    return times
+    return np.linspace(-1.0, 1.0, count)
 
 
 def poses_at(world_to_camera: F64, times: F64) -> F64:
@@ -75,5 +74,4 @@ def render_moments(shot: Shot, result: RunResult, scene: Gaussians, times: F64) 
     poses = torch.from_numpy(poses_at(result.world_to_camera, times)).float()
     when = torch.from_numpy(times).float()
     parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, len(times), _AT_ONCE)]
-    views: F32 = np.concatenate([renderer.views(scene.detach(), poses[part], when[part]) for part in parts])
-    return views
+    return np.concatenate([renderer.views(scene.detach(), poses[part], when[part]) for part in parts])

@@ -47,8 +47,7 @@ class Cameras:
     def in_world(self, view: int, vectors: F64, *, directions: bool = False) -> F64:
         """Transform points, or directions, [..., 3], from a camera's axes into the world's."""
         rotation, translation = self.world_to_camera[view, :3, :3], self.world_to_camera[view, :3, 3]
-        moved: F64 = (vectors if directions else vectors - translation) @ rotation
-        return moved
+        return (vectors if directions else vectors - translation) @ rotation
 
     def seen(self, points: F64, view: int, size: tuple[int, int]) -> tuple[Bool, F64, F64]:
         """Project points, [P, 3], into a view of a size (height, width).

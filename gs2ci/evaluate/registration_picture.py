@@ -94,13 +94,11 @@ def _errors_px(placement: Placement, errors: Mapping[str, float], places: F64) -
         if hasattr(placement, name):
             moved = replace(placement, **{name: getattr(placement, name) + error}).moved_px(places)
             squares += ((moved - found) ** 2).sum(axis=1)
-    total: F64 = np.sqrt(squares)
-    return total
+    return np.sqrt(squares)
 
 
 def _sum(shot: Shot) -> F64:
-    total: F64 = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
-    return total
+    return np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
 
 
 def _middle(image: F64) -> F64:

@@ -15,7 +15,7 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.evaluate.report import SurenessSection
-from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.render.gaussians import Gaussians
 
 ORDER_OPEN: Final = (Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_LIKELY, Code.DEPTH_ORDER_UNTRIED)
@@ -74,8 +74,7 @@ def errors_at(points: F64, depth: F32, errors: F32, cameras: Cameras) -> F32:
         found = np.minimum(found, share * np.abs(ahead))
     middle = cameras.world_to_camera[len(depth) // 2]
     away = np.linalg.norm(points @ middle[:3, :3].T + middle[:3, 3], axis=1)
-    stated: F32 = np.where(np.isfinite(found), found, UNKNOWN_DEPTH * away).astype(np.float32)
-    return stated
+    return np.where(np.isfinite(found), found, factors.unknown_depth * away).astype(np.float32)
 
 
 def figures_of_errors(result: RunResult) -> SurenessSection | None:

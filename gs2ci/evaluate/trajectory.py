@@ -255,8 +255,7 @@ def _stands_still(centers: F64) -> bool:
 
 
 def _centers(world_to_camera: F64) -> F64:
-    centers: F64 = -np.einsum("nji,nj->ni", world_to_camera[:, :3, :3], world_to_camera[:, :3, 3])
-    return centers
+    return -np.einsum("nji,nj->ni", world_to_camera[:, :3, :3], world_to_camera[:, :3, 3])
 
 
 def _camera_to_world_rotations(world_to_camera: F64) -> F64:

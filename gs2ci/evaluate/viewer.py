@@ -240,8 +240,7 @@ def _show_surer(server: Any, scene: ViewerScene, percent: float) -> None:
 def _shares(errors: F32, means: F32, world_to_camera: F32) -> F32:
     """Return standard errors as shares of the distance from a camera, [G]."""
     distance = np.linalg.norm(means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3], axis=1)
-    found: F32 = (errors / np.maximum(distance, np.finfo(np.float32).tiny)).astype(np.float32)
-    return found
+    return (errors / np.maximum(distance, np.finfo(np.float32).tiny)).astype(np.float32)
 
 
 def _before_symbols(scene: ViewerScene) -> float:

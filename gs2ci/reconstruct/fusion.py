@@ -142,7 +142,7 @@ def hand_over(
     polished_so_far = by_share if refined_views is None else refined_views.blind
     del by_share  # here and below, what is as large as the views goes when it has done its part
     if refined_views is None:
-        refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
+        refined_views = Candidate(in_full, refine.by_all_pixels(mean))
     cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,

@@ -17,7 +17,7 @@ from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
-from gs2ci.reconstruct.fit.scene.mask_moments import LEAST_POSES, MaskMoments, motion_px
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, motion_px
 from gs2ci.reconstruct.fit.scene.smear import smeared_views
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
@@ -184,7 +184,7 @@ def _path_unconfirmed(geometry: Geometry, recovered: Recovered, brief_rms: float
 def _smeared(left: Left) -> tuple[Finding, ...]:
     """Report views that look smeared by a camera that moved during the masks, if each mask was fitted with one pose."""
     path = left.ensemble.best.world_to_camera
-    if left.mask_moments is not None or len(path) < LEAST_POSES:
+    if left.mask_moments is not None or len(path) < 2:
         return ()
     open_share = np.clip(left.look.weights_given, 0, 1)
     return smeared_views(left.recovered.views, motion_px(left.geometry, path, open_share))

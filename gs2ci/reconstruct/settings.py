@@ -17,9 +17,10 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.extensions import LastStageSettings, Withholding
+from gs2ci.reconstruct.fit.extensions import LastStageSettings
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMomentSettings
+from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.registration.register import RegistrationSettings
@@ -88,7 +89,7 @@ class Settings(Bounded):
     fine_if_asked: LastStageSettings | None = None
     residual: ResidualSettings | None = field(default_factory=ResidualSettings)
     stride_px: PositiveInt = 3
-    withheld: Withholding | None = None
+    withheld: Withheld | None = None
     device: str = "cpu"
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))

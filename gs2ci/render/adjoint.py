@@ -68,8 +68,7 @@ def coded_with_pull(
 
 def as_image(tensor: Tensor) -> Image:
     """Return a tensor as fits take it: as it is on a device, as an array of the same memory on the host."""
-    found: Image = tensor if on_device(tensor) else tensor.numpy()
-    return found
+    return tensor if on_device(tensor) else tensor.numpy()
 
 
 def pull_back(images: Sequence[Tensor], gradients: Sequence[Tensor]) -> None:

@@ -72,8 +72,7 @@ def write_glb(path: str | Path, gaussians: Gaussians, *, metres_per_unit: float 
 def _linear(shown: F64) -> F64:
     """Return the linear light of colours that a screen shows (sRGB, IEC 61966-2-1), within 0 ... 1."""
     value = np.clip(shown, 0, 1)
-    found: F64 = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return found
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def _laid_out(columns: dict[str, F64], metres_per_unit: float | None) -> bytes:

@@ -27,6 +27,9 @@ wp.config.enable_cpu_blocks = True
 
 TILED: Final[dict[str, Any]] = {"enable_backward": False, "max_unroll": 32, "enable_mathdx_gemm": False}
 """Options of kernels that use tiles; these need a module of their own (warp 1.19)."""
+Floats, Doubles, Ints = wp.array(dtype=wp.float32), wp.array(dtype=wp.float64), wp.array(dtype=wp.int32)
+Vectors, Fours = wp.array(dtype=wp.vec3), wp.array(dtype=wp.vec4)
+"""Types of arrays that kernels are given."""
 _FIBERS: Final = threading.RLock()
 _CAPTURING: Final = threading.Lock()
 

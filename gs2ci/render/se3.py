@@ -11,7 +11,7 @@ import math
 import torch
 from torch import Tensor
 
-_SERIES_BELOW_ANGLE2 = 0.25
+SERIES_BELOW_ANGLE2 = 0.25
 """Squared angle below which the series take over; the closed forms lose less than two digits above it."""
 _SERIES_TERMS = 8
 _CROSSES = ((0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0, -1, 0, 1, 0, 0, 0, 0, 0))
@@ -41,14 +41,14 @@ def _split(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
     `torch.where` passes zero times the unused branch's gradient back, so both branches must be finite everywhere.
     """
-    small = angle2 < _SERIES_BELOW_ANGLE2
+    small = angle2 < SERIES_BELOW_ANGLE2
     near = torch.where(small, angle2, torch.zeros_like(angle2))
     return small, near, torch.where(small, torch.ones_like(angle2), angle2)
 
 
 def _coefficients(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return sin x / x, (1 - cos x) / x^2 and (x - sin x) / x^3 for x^2 = `angle2`."""
-    if bool((angle2 < _SERIES_BELOW_ANGLE2).all()):
+    if bool((angle2 < SERIES_BELOW_ANGLE2).all()):
         a, b, c = _three_series(angle2).unbind(-1)
         return a, b, c
     small, near, far2 = _split(angle2)

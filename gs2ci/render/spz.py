@@ -138,8 +138,7 @@ def _outside(log_sizes: F64) -> NDArray[np.bool_]:
     lost = (log_sizes.min(axis=1) < LOG_SIZE_LEAST) & (width < LOG_SIZE_LEAST - math.log(_THIN))
     # Half a step: what is rounded to the last of the format's sizes is held.
     over: NDArray[np.bool_] = log_sizes.max(axis=1) > LOG_SIZE_MOST + 0.5 / _SCALE_STEPS
-    either: NDArray[np.bool_] = over | lost
-    return either
+    return over | lost
 
 
 def _check_sizes(log_sizes: F64) -> None:

@@ -4,7 +4,7 @@ Here: drivers on real ports or on twins, and wire traces around either. Not here
 (`gs2ci.rig.simulated`), the contents of a rig file (`config`).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.plugin import PortKind, known_driver
 from gs2ci_drivers.ports import port_errors
-from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedLibrary, TracedSys
+from gs2ci_drivers.trace import CallLog, Trace, TracedLibrary, TracedPort, TracedStream, TracedSys
 from gs2ci_drivers.trace_camera import TracedCamera
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 # Twins of these ports are ports themselves, since devices of these kinds are opened by calls on the port.
 _TWINS_THEMSELVES: Final = ("sys", "camera", "screen")
-_TRACED: Final[dict[PortKind, Callable[[Any, CallLog], Any]]] = {
-    "bytes": TracedBytes,
-    "hid": TracedHid,
+_TRACED: Final[dict[PortKind, type[TracedPort]]] = {
+    "bytes": TracedStream,
+    "hid": TracedStream,
     "sys": TracedSys,
     "camera": TracedCamera,
     "library": TracedLibrary,

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable
 from queue import Queue
-from types import TracebackType
 from typing import Self
 
 from gs2ci.core.errors import InputError
@@ -66,9 +65,7 @@ class WritingRing:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._queue.put(None)
         self._thread.join()
         if error is None:

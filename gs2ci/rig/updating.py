@@ -304,8 +304,7 @@ def _valid(section: Section) -> Bool:
 
 
 def _valid_moved(section: Section, misfit: "Misfit") -> Bool:
-    seen: Bool = misfit.placement.sample(_valid(section)[None].astype(np.float64))[0] > 0.99
-    return seen
+    return misfit.placement.sample(_valid(section)[None].astype(np.float64))[0] > 0.99
 
 
 def _keep(path: Path) -> Path:

@@ -236,9 +236,9 @@ def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
     """Return the share of a view with `weights` [S] in the slices that passes the masks at each pixel, [H, W]."""
     mixed = weights[:, None] * slices.mix
     if slices.shutter is None:
-        return np.asarray(np.tensordot(mixed.sum(axis=0), masks, axes=1))
+        return np.tensordot(mixed.sum(axis=0), masks, axes=1)
     rows = slices.shutter.open_share(slices.start_s, slices.stop_s, masks.shape[1])
-    return np.asarray(np.einsum("nh,nhw->hw", mixed.T @ rows, masks))
+    return np.einsum("nh,nhw->hw", mixed.T @ rows, masks)
 
 
 class Studio:

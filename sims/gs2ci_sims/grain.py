@@ -90,4 +90,4 @@ def _squares_dn2(look: Preview, renderer: Renderer, travel: tuple[F64, F64]) -> 
         if isinstance(one, Brightening)
     ]
     gain = float(np.prod([max(one.brightest(look), 1.0) for one in after]))
-    return np.asarray(mean * (look.rig.full_scale_e * look.rig.dn_per_e * gain) ** 2)
+    return mean * (look.rig.full_scale_e * look.rig.dn_per_e * gain) ** 2

@@ -212,4 +212,4 @@ class EffectChain:
         for effect in self.at(stage):
             seed = self.rig.device_seed if effect.fixed_pattern else self.seed
             result = effect.apply(result, self.rig, generator(seed, effect.name))
-        return result  # type: ignore[no-any-return]
+        return result

@@ -72,7 +72,7 @@ class Moments:
 
     def _panel(self, times_s: F64) -> NDArray[np.intp]:
         """Return to which panel each time belongs."""
-        return np.asarray(np.clip(np.searchsorted(self.edges_s, times_s, side="right") - 1, 0, len(self.edges_s) - 2))
+        return np.clip(np.searchsorted(self.edges_s, times_s, side="right") - 1, 0, len(self.edges_s) - 2)
 
 
 def one_per_interval(intervals_s: F64) -> Moments:
@@ -88,13 +88,13 @@ def one_per_interval(intervals_s: F64) -> Moments:
 @cache
 def gauss_nodes(count: int) -> F64:
     """Return the Gauss-Legendre nodes on [0, 1]."""
-    return np.asarray(0.5 + 0.5 * np.polynomial.legendre.leggauss(count)[0])
+    return 0.5 + 0.5 * np.polynomial.legendre.leggauss(count)[0]
 
 
 @cache
 def gauss_weights(count: int) -> F64:
     """Return the Gauss-Legendre weights on [0, 1]; they add up to 1."""
-    return np.asarray(0.5 * np.polynomial.legendre.leggauss(count)[1])
+    return 0.5 * np.polynomial.legendre.leggauss(count)[1]
 
 
 def lagrange(nodes: F64, places: F64) -> F64:
@@ -108,4 +108,4 @@ def lagrange(nodes: F64, places: F64) -> F64:
     share = 1 / (apart.prod(axis=1) * np.where(at_node, 1.0, difference))
     hit = at_node.any(axis=1)
     share[hit] = at_node[hit]
-    return np.asarray(share / share.sum(axis=1, keepdims=True))
+    return share / share.sum(axis=1, keepdims=True)

@@ -25,7 +25,7 @@ def image_motion_px(scene: Scene, path: CameraPath, intervals_s: F64) -> F64:
     steps = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * longest, STEPS_PER_INTERVAL, STEPS_MAX))
     times = np.linspace(intervals_s[:, 0], intervals_s[:, 1], steps + 1)
     track = tracks_px(scene, path, times.ravel()).reshape(steps + 1, len(intervals_s), -1, 2)
-    return np.asarray(np.linalg.norm(np.diff(track, axis=0), axis=-1).sum(axis=0).max(axis=1))
+    return np.linalg.norm(np.diff(track, axis=0), axis=-1).sum(axis=0).max(axis=1)
 
 
 def image_travel_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
@@ -50,7 +50,7 @@ def displacement_px(scene: Scene, path: CameraPath, seen_along: CameraPath, seen
     times = np.linspace(intervals_s[:, 0], intervals_s[:, 1], steps + 1)
     there = tracks_px(scene, path, times.ravel()).reshape(steps + 1, len(intervals_s), -1, 2)
     away = there - tracks_px(scene, seen_along, seen_s)
-    return np.asarray(np.linalg.norm(away, axis=-1).max(axis=(0, 2)))
+    return np.linalg.norm(away, axis=-1).max(axis=(0, 2))
 
 
 def tracks_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
@@ -66,4 +66,4 @@ def tracks_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
     seen = points @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
     # A point beside or behind the camera counts as one at a tenth of the median depth: it is not in the image.
     depth = np.maximum(seen[..., 2:], 0.1 * scene.median_depth)
-    return np.asarray(seen[..., :2] / depth * focal)
+    return seen[..., :2] / depth * focal

@@ -72,10 +72,10 @@ class StageMove:
         moved = np.tile(np.eye(4), (len(time), 1, 1))
         moved[:, :3, 3] = -time[:, None] * np.array(self.velocity)
         if self.wobble_deg == 0:
-            return np.asarray(moved @ self.reference_world_to_camera)
+            return moved @ self.reference_world_to_camera
         turned = np.tile(np.eye(4), (len(time), 1, 1))
         turned[:, :3, :3] = Rotation.from_rotvec(np.deg2rad(self.wobble_deg) * angles).as_matrix()
-        return np.asarray(turned @ moved @ self.reference_world_to_camera)
+        return turned @ moved @ self.reference_world_to_camera
 
 
 def stage_move_for_parallax(
@@ -150,7 +150,7 @@ class ReversingMove:
     def kinks_s(self, start_s: float, stop_s: float) -> F64:
         """Get the times at which the stage reverses between two times, [K]."""
         halves = np.arange(np.ceil(2 * start_s / self.period_s - 0.5), np.floor(2 * stop_s / self.period_s - 0.5) + 1)
-        return np.asarray((halves + 0.5) * 0.5 * self.period_s)
+        return (halves + 0.5) * 0.5 * self.period_s
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]."""
@@ -159,4 +159,4 @@ class ReversingMove:
         travelled_s = self.period_s * (0.25 - np.abs(phase - 0.5))
         poses = np.tile(np.eye(4), (len(time), 1, 1))
         poses[:, :3, 3] = -travelled_s[:, None] * np.array(self.velocity)
-        return np.asarray(poses @ self.reference_world_to_camera)
+        return poses @ self.reference_world_to_camera

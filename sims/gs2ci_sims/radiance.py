@@ -134,7 +134,7 @@ class Renderer:
                 intrinsics,
                 backend.code(fine[None].contiguous()),
             )
-        return np.asarray(np.maximum(binned(image[None], factor)[0].astype(np.float64) * scale, 0))
+        return np.maximum(binned(image[None], factor)[0].astype(np.float64) * scale, 0)
 
     def _large_views(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians | None, margin: int
@@ -222,4 +222,4 @@ def binned(images: torch.Tensor, factor: int) -> F32:
     """Average [V, H f, W f, C] over blocks of f x f, to [V, H, W, C]."""
     views, rows, columns, channels = images.shape
     blocks = images.reshape(views, rows // factor, factor, columns // factor, factor, channels)
-    return np.asarray(blocks.mean(dim=(2, 4)).numpy())
+    return blocks.mean(dim=(2, 4)).numpy()

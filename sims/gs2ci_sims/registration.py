@@ -127,4 +127,4 @@ class MaskAlignment:
         total = (
             upto(u + half, v + half) - upto(u - half, v + half) - upto(u + half, v - half) + upto(u - half, v - half)
         )
-        return np.asarray(np.clip(total / side**2, 0.0, float(part.max(initial=0.0))))
+        return np.clip(total / side**2, 0.0, float(part.max(initial=0.0)))

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Strict, create_model
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.config import read_toml, settings_from
+from gs2ci.core.config import settings_from
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -156,27 +156,8 @@ PARTS: Final[dict[str, type]] = {
     "timing": Timing,
     "sensor": SensorFigures,
 }
-# Tables that only the rig file of a bench has; the two kinds share other names.
-BENCH_ONLY: Final = frozenset({"stage", "registration", "capture", "calibration", "world"})
 UNNAMED: Final = Path("the rig file")
 CHOICES: Final[dict[str, type]] = {"scene": SceneChoice, "path": PathChoice, "plan": PlanChoice}
-
-
-def read_rig_file(path: Path) -> Setup:
-    """Read a rig file.
-
-    Raises:
-        InputError: It is not there, not TOML, or holds a key or value that it may not.
-    """
-    tables, _ = read_toml(path)
-    kinds = [name for name in ("modulator", "sensor") if isinstance(tables.get(name), dict) and "kind" in tables[name]]
-    if tables.keys() & BENCH_ONLY or kinds:
-        raise InputError(
-            f"{path} describes a bench, not a simulation",
-            allowed="a simulation's file: docs/simulation.md",
-            remedy=f"for the plan of a bench's exposure: gs2ci capture --rig {path} --dry-run",
-        )
-    return setup_from_tables(tables, path)
 
 
 def setup_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> Setup:

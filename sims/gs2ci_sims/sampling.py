@@ -276,7 +276,7 @@ def cut_at(kinks: F64, edges: F64, near: float = NEAR_SHARE) -> F64:
     for kink, least in zip(inside[far], near * width[far], strict=True):
         if not kept or kink - kept[-1] > least:
             kept.append(float(kink))
-    return np.asarray(np.unique(np.concatenate([edges, kept])))
+    return np.unique(np.concatenate([edges, kept]))
 
 
 def _distinct(edges: F64) -> F64:

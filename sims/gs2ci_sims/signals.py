@@ -46,7 +46,7 @@ class Shutter:
         late = self.line_delay_s * np.arange(height)
         begin = np.maximum(start_s[:, None], self.opens_s + late)
         end = np.minimum(stop_s[:, None], self.closes_s + late)
-        return np.asarray(np.maximum(end - begin, 0.0) / (stop_s - start_s)[:, None])
+        return np.maximum(end - begin, 0.0) / (stop_s - start_s)[:, None]
 
     def turns_s(self, height: int) -> F64:
         """Get times between the first and the last row's opening, and between their closing, close together, [T]."""

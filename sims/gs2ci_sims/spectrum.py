@@ -86,4 +86,4 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float, pix
 def amplitude_left(frequency: F64, drawn: int, filter_px2: float) -> F64:
     """Return the share of a cosine's amplitude after the filter and the mean over the samples of a pixel."""
     mean = np.sinc(frequency) / np.sinc(frequency / drawn)
-    return np.asarray(mean * np.exp(-2 * np.pi**2 * filter_px2 * np.square(frequency)))
+    return mean * np.exp(-2 * np.pi**2 * filter_px2 * np.square(frequency))

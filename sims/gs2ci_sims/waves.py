@@ -86,7 +86,7 @@ class CollectedWaves:
         most = np.maximum.accumulate(most, axis=-2)
         # Directions at an angle and at its opposite share a sector.
         most = np.maximum(most, most[..., -np.arange(DIRECTIONS) % DIRECTIONS])[..., : SECTORS + 1]
-        return np.asarray(np.maximum(most[..., 1:], most[..., :-1]))
+        return np.maximum(most[..., 1:], most[..., :-1])
 
     def _collected(self, moments: Moments, waves: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Integrate the waves at these moments over each mask's light in each row, [N, R, F, J] seconds."""

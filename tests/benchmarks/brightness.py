@@ -20,7 +20,8 @@ import numpy as np
 import torch
 
 from gs2ci.core.crop import middle
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import gap_tv

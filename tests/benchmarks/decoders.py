@@ -17,7 +17,8 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.reconstruct.decode.coupling import choose_coupling

@@ -11,7 +11,8 @@ import hashlib
 import numpy as np
 
 from gs2ci.core.crop import middle
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS

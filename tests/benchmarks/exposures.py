@@ -133,7 +133,7 @@ def _full_views(number: int, scene: Scene, coded: Shot, intervals: float) -> flo
     schedule = shared_schedule(_settings().fit, VIEWS, 1.0)
     fit = CoarseRun(exposures, moved(start.start, Similarity.identity()), schedule, number, Monitoring())
     fit.advance()
-    return _psnr(np.stack([one.views[k] for k, one in enumerate(fit.results())]), coded)
+    return _psnr(np.stack([one.views[k] for k, one in enumerate(map(fit.result, range(VIEWS)))]), coded)
 
 
 def _psnr(views: "np.ndarray", shot: Shot) -> float:

@@ -20,7 +20,8 @@ import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import Gs2ciError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view
 from gs2ci.evaluate.novel_views import NovelViews

@@ -22,7 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import Imported, import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from tests.benchmarks import import_forms as forms
 from tests.processes import ONE_THREAD
@@ -32,7 +33,8 @@ _ROUNDS = 3
 # Import and write each file a few times; the least counts, since other load only adds.
 _COST = """
 import json, pathlib, sys, tempfile, time
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.storage import write_shots
 found = {}
 for name in sys.argv[1:]:

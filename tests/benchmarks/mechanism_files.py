@@ -22,7 +22,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.crop import middle
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from tests.benchmarks import depth_order

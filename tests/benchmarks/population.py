@@ -18,7 +18,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.paper.density.adc import Adc
+from gs2ci.reconstruct.paper.density.rules import adc
 from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
 from tests.tables.cases import Case
@@ -59,7 +59,7 @@ def _readings(most: int) -> dict[str, CoarseSettings]:
         "removal at 0.005": replace(paper, density=replace(paper.density, criteria=Classic())),
         "budget after others": replace(paper, density=replace(paper.density, ranked_first=False)),
         "no opacity splits": replace(paper, density=replace(paper.density, opacity_splits=False)),
-        "adc": replace(paper, density=Adc(Classic.of_nerfstudio()), loss=replace(paper.loss, opacity=0.0)),
+        "adc": replace(paper, density=adc(Classic.of_nerfstudio()), loss=replace(paper.loss, opacity=0.0)),
         "before": replace(paper, per_open_share=True, density=Osgr()),
     }
 

@@ -61,7 +61,7 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("mean of the fits", fitting, "combined"),
     ("choice of views", pipeline, "hand_over"),
     ("record", pipeline, "record"),
-    ("fit: loop", coarse._Loop, "run"),
+    ("fit: loop", coarse.CoarseRun, "advance"),
     ("fit: looks at held-out pixels", Looks, "take"),
     ("fit: sweeps for surfaces", exposure, "find_surfaces"),
     ("fit: density rule", coarse_state.FitState, "densify"),

@@ -24,12 +24,12 @@ from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import RigFigures
-from gs2ci_sims.rig_file import read_rig_file
 from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.simulation_plan import Plan, PlanChoice, SimulationTask
 from tests.sims.adversaries import FAMILIES
 from tests.sims.brute_force import BruteForce, deviation_dn, simulate_everything
+from tests.sims.rig_files import read_rig_file
 
 TOLERANCE_DN = 0.25
 MESH_TOLERANCE_DN = 10.0

@@ -61,7 +61,7 @@ STAGES = (
     ("first Gaussians", fitting.Fits, "beginning"),
     ("fits", fitting, "advance_together"),
     ("fits: surfaces", exposure, "find_surfaces"),
-    ("fits: looks", coarse._Loop, "_look"),
+    ("fits: looks", coarse.CoarseRun, "_look"),
     ("depth", ShotRenderer, "stopped_light"),
     ("mean of the fits", fitting, "combined"),
     ("choice of views", pipeline, "hand_over"),

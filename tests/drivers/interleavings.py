@@ -21,9 +21,10 @@ from gs2ci_drivers.stage import STANDS, Stage
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.grbl import GrblTwin
-from gs2ci_sims.wires.grbl_build import FLUIDNC, GRBLHAL, GrblBuild, GrblMachine
+from gs2ci_sims.wires.grbl_build import GrblBuild, GrblMachine
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
+from tests.drivers.grbl_builds import FLUIDNC, GRBLHAL
 
 STEPS = 12
 KNOWN_MM = 0.01

@@ -8,7 +8,7 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci_drivers.failures import NoAnswerError
 from gs2ci_drivers.ports import port_errors
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
-from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedLibrary, TracedSys
+from gs2ci_drivers.trace import Trace, TracedLibrary, TracedStream, TracedSys
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
@@ -34,7 +34,7 @@ def record_stage(path, use, fault=None):
     if fault:
         twin.faults.inject(fault, times=2)
     trace = Trace(path, "stage0", "bytes", clock)
-    stage = ZaberStage("stage0", TracedBytes(twin.open(), trace), clock, ZaberOptions(**AXES))
+    stage = ZaberStage("stage0", TracedStream(twin.open(), trace), clock, ZaberOptions(**AXES))
     try:
         return use(stage)
     finally:
@@ -123,7 +123,7 @@ def test_a_damaged_line_in_the_middle_is_refused(tmp_path):
 
 def test_hid_reports_are_recorded_and_replayed(tmp_path):
     world = World(EvenLight())
-    port = TracedHid(Dlpc900Twin(world).open(), Trace(tmp_path / "m.wire", "dmd0", "hid", world.clock))
+    port = TracedStream(Dlpc900Twin(world).open(), Trace(tmp_path / "m.wire", "dmd0", "hid", world.clock))
     request = bytes.fromhex("c0040200 0c1a").ljust(64, b"\0")
     port.write(request, 1.0)
     answer = port.read(1.0)
@@ -195,7 +195,7 @@ def test_a_full_disk_is_told_before_anything_is_opened():
 
 def test_a_disk_that_fills_up_under_a_trace_is_not_taken_for_the_device(tmp_path, monkeypatch):
     trace = Trace(tmp_path / "x.wire", "stage0", "bytes", VirtualClock())
-    port = TracedBytes(Line(), trace)
+    port = TracedStream(Line(), trace)
     trace.close()
     full = Path("/dev/full").open("w", buffering=1)  # noqa: SIM115  the trace closes it
     monkeypatch.setattr(trace, "_file", full)

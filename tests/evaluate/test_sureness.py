@@ -11,7 +11,7 @@ from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.report import SurenessSection, read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.evaluate.sureness import errors_at, errors_of_centres, figures_of_errors
-from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.render.ply import read_ply_scene
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -59,7 +59,7 @@ def test_points_err_as_the_depth_that_a_view_sees_there(make_run, scene):
     found = errors_of_centres(replace(scene, means=means), result)
     seen = [ramp[0, 24, int(32 + 70.4 * x / z)] * z for x, _, z in places[:2]]
     assert found[:2] == pytest.approx(seen, rel=1e-4)
-    assert found[2:] == pytest.approx(UNKNOWN_DEPTH * np.linalg.norm(places[2:], axis=1), rel=1e-4)
+    assert found[2:] == pytest.approx(factors.unknown_depth * np.linalg.norm(places[2:], axis=1), rel=1e-4)
     assert errors_of_centres(scene, replace(result, uncertainty=None)) is None
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv

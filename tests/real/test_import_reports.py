@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 
 CASES = {

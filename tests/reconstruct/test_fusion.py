@@ -159,7 +159,7 @@ def test_noise_is_not_put_back():
     truth = moving(sigma_px=3.0)
     mean = astray(truth, 0.02)
     first = look_at(truth, noise=0.3, share=0.4)  # many pixels: in so much noise few could not tell
-    refined = Refinement(first.holdout, SETTINGS.residual).by_all_pixels(mean, 1.0)
+    refined = Refinement(first.holdout, SETTINGS.residual).by_all_pixels(mean)
     assert psnr(refined, truth) < psnr(mean, truth) - 3
     assert psnr(handed(first, mean).views, truth) > psnr(mean, truth) - 0.1
 
@@ -172,7 +172,7 @@ def test_additions_to_the_scene_err_less_where_noise_is_weighed(noise, sigma_px)
     weighed, none = noise_of_readings(first.holdout, mean), np.zeros_like(first.holdout.shot.measurement)
     for made in (
         lambda known: _polished(first.holdout, mean, SETTINGS.polish, known).full,
-        lambda known: Refinement(first.holdout, SETTINGS.residual, known).by_all_pixels(mean, 1.0),
+        lambda known: Refinement(first.holdout, SETTINGS.residual, known).by_all_pixels(mean),
     ):
         assert psnr(made(weighed), truth) > psnr(made(none), truth) + 0.3
 

@@ -12,7 +12,8 @@ from scipy.linalg import hadamard
 from scipy.ndimage import gaussian_gradient_magnitude
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci_sims.masks import random_grey_masks, random_masks
+from gs2ci_sims.masks import random_masks
+from tests.sims.grey_masks import random_grey_masks
 
 Family = Callable[[int, F64, np.random.Generator], F32]
 """From a number of masks and an image of the scene, [H, W], to masks."""

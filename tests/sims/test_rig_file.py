@@ -8,9 +8,10 @@ from gs2ci_sims.exposure import integrate
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import ReversingMove, StageMove
 from gs2ci_sims.planner import plan
-from gs2ci_sims.rig_file import read_rig_file, setup_from_tables
+from gs2ci_sims.rig_file import setup_from_tables
 from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.simulation_plan import SimulationTask
+from tests.sims.rig_files import read_rig_file
 
 
 def read(tmp_path, text):

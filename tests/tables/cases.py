@@ -20,18 +20,20 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
 from gs2ci.core.storage import read_shot
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
-from gs2ci_sims.masks import random_grey_masks, random_masks
+from gs2ci_sims.masks import random_masks
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims.grey_masks import random_grey_masks
 from tests.tables.beside import BesideViews, beside_file, beside_path, read_beside
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.

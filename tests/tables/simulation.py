@@ -17,11 +17,12 @@ from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
-from gs2ci_sims.rig_file import Setup, read_rig_file
+from gs2ci_sims.rig_file import Setup
 from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.simulation_plan import Plan, PlanChoice, SimulationTask
 from tests.sims.brute_force import BruteForce, deviation_dn, simulate_everything
+from tests.sims.rig_files import read_rig_file
 from tests.tables.cases import Case
 
 TOLERANCES_DN: Final = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)

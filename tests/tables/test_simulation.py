@@ -3,8 +3,8 @@
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.rig_file import read_rig_file
 from gs2ci_sims.rigs import library
+from tests.sims.rig_files import read_rig_file
 from tests.tables.catalogue import TABLES, TableOptions
 from tests.tables.pages import Figures, draw
 from tests.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig

@@ -103,7 +103,7 @@ class AxisEstimate:
     @property
     def direction(self) -> F64:
         """Get the unit vector of the camera's motion in its own frame, [3]."""
-        return np.asarray(self.per_mm / np.linalg.norm(self.per_mm))
+        return self.per_mm / np.linalg.norm(self.per_mm)
 
     @property
     def direction_error_deg(self) -> float:
@@ -116,13 +116,13 @@ class AxisEstimate:
 
         Along its own direction the error of a unit vector is of second order only, half the square of the angle.
         """
-        return np.asarray(np.sqrt(np.diag(self._across)) + 0.5 * np.trace(self._across))
+        return np.sqrt(np.diag(self._across)) + 0.5 * np.trace(self._across)
 
     @property
     def _across(self) -> F64:
         """Get the covariance of the direction, [3, 3]; it has no component along the direction itself."""
         across = np.eye(3) - np.outer(self.direction, self.direction)
-        return np.asarray(across @ self.covariance @ across / self.scale.value**2)
+        return across @ self.covariance @ across / self.scale.value**2
 
 
 def estimate_stage(
@@ -278,13 +278,13 @@ def _by_returns(targets: list[float], visits: dict[tuple[float, bool], F64]) -> 
     )
     per_target = sum(len(visit) for visit in every) / len(targets)
     centred = np.array(targets) - np.mean(targets)
-    return np.asarray(scatter / per_target / float(centred @ centred) * _widened(1.0, freedom) ** 2)
+    return scatter / per_target / float(centred @ centred) * _widened(1.0, freedom) ** 2
 
 
 def _wider(first: F64, second: F64) -> F64:
     """Enlarge a covariance until no variance is below that of another: few targets may lie on a line by chance."""
     stretch = np.sqrt(np.maximum(np.diag(second) / np.maximum(np.diag(first), np.finfo(np.float64).tiny), 1.0))
-    return np.asarray(first * np.outer(stretch, stretch))
+    return first * np.outer(stretch, stretch)
 
 
 def _widened(standard_error: float, freedom: int) -> float:

@@ -74,7 +74,7 @@ def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, ga
 def _slope(homography: F64, point: F64) -> F64:
     """Return the derivative of a homography at a point, [2, 2]."""
     mapped = homography @ np.array([*point, 1.0])
-    return np.asarray((homography[:2, :2] - np.outer(mapped[:2] / mapped[2], homography[2, :2])) / mapped[2])
+    return (homography[:2, :2] - np.outer(mapped[:2] / mapped[2], homography[2, :2])) / mapped[2]
 
 
 def _fit_one(
@@ -158,4 +158,4 @@ def _crossing(unknowns: F64) -> F64:
     """Return where the two edges cross, relative to the start, in squares, [2]; curvature is negligible so near."""
     u0, v0, turn_u, turn_v = unknowns[:4]
     edges: Any = np.array([[1.0, turn_u], [turn_v, 1.0]])
-    return np.asarray(np.linalg.solve(edges, np.array([u0, v0])))
+    return np.linalg.solve(edges, np.array([u0, v0]))

@@ -164,7 +164,7 @@ def without_colours(picture: NDArray[np.floating]) -> F64:
     values = picture.astype(np.float64)
     everywhere = np.ones(values.shape, np.bool_)
     spread = by_colour(values, everywhere, np.std)
-    return np.asarray((values - by_colour(values, everywhere, np.mean)) / np.where(spread > 0, spread, 1.0))
+    return (values - by_colour(values, everywhere, np.mean)) / np.where(spread > 0, spread, 1.0)
 
 
 def _factor(share: float, filled: float) -> float:

@@ -29,7 +29,7 @@ TRIED: Final = 4
 def correlations(seen: NDArray[np.floating], expected: NDArray[np.floating]) -> F64:
     """Return the correlations, [N, M] in [-1, 1], of images [N, P] with images [M, P]; 0 if one has no texture."""
     rows, columns = (_normalised(images) for images in (seen, expected))
-    return np.asarray(np.clip(rows @ columns.T, -1.0, 1.0))
+    return np.clip(rows @ columns.T, -1.0, 1.0)
 
 
 def require_order(

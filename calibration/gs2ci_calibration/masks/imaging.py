@@ -112,7 +112,7 @@ class PixelMap:
 def _gaussian(variance: float) -> F64:
     radius = int(np.ceil(REACH * np.sqrt(variance))) + 1
     kernel = ive(np.arange(-radius, radius + 1), variance)
-    return np.asarray(kernel / kernel.sum())
+    return kernel / kernel.sum()
 
 
 def blurred(image: F64, variance_px2: float) -> F64:
@@ -124,12 +124,12 @@ def blurred(image: F64, variance_px2: float) -> F64:
     if variance_px2 <= 0:
         return image
     kernel = _gaussian(float(variance_px2))
-    return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_REFLECT))
+    return cv2.sepFilter2D(image, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
 
 
 def convolved(image: F64, kernel: F64) -> F64:
     """Convolve an image [H, W] with a measured kernel [2r + 1, 2r + 1], mirrored beyond the border."""
-    return np.asarray(cv2.filter2D(image, cv2.CV_64F, kernel[::-1, ::-1].copy(), borderType=cv2.BORDER_REFLECT))
+    return cv2.filter2D(image, cv2.CV_64F, kernel[::-1, ::-1].copy(), borderType=cv2.BORDER_REFLECT)
 
 
 def sharp(pattern: NDArray[Any], pixels: PixelMap) -> tuple[F64, F64, F64]:

@@ -94,4 +94,4 @@ def burst_levels(references: F64, swing: F64) -> F64:
         references: Frames above dark at the valid pixels, [R, P].
         swing: Their mean, [P].
     """
-    return np.asarray(references.sum(axis=1) / swing.sum())
+    return references.sum(axis=1) / swing.sum()

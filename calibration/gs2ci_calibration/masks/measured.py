@@ -9,7 +9,7 @@ frames (`taking`), order and polarity (`checks`), masks predicted instead of mea
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum, unique
+from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +27,6 @@ IGNORANT_SE: Final = 1 / np.sqrt(12)
 """Standard error of a transmission that is unknown in [0, 1]."""
 
 
-@unique
 class PatternKind(IntEnum):
     """Patterns that are no masks; masks are numbered from 0."""
 
@@ -116,14 +115,14 @@ class MaskSums:
     def mean(self, kind: int) -> F64:
         """Return the mean frame above dark, at the lamp's level 1, [H, W] DN."""
         at = self._kinds.index(kind)
-        return np.asarray(self._sum[at] / max(self._count[at], 1))
+        return self._sum[at] / max(self._count[at], 1)
 
     def sample_variance(self, kind: int) -> F64:
         """Return the variance between frames, [H, W] DN squared; 0 for a single one."""
         at, count = self._kinds.index(kind), self.frames(kind)
         if count < 2:
             return np.zeros(self._references.on.shape)
-        return np.asarray(np.maximum(self._square[at] - np.square(self._sum[at]) / count, 0.0) / (count - 1))
+        return np.maximum(self._square[at] - np.square(self._sum[at]) / count, 0.0) / (count - 1)
 
     def noise(self) -> NoiseModel:
         """Return the noise model fitted to all stacks of two frames or more."""

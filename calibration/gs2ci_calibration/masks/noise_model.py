@@ -37,7 +37,7 @@ class NoiseModel:
 
     def variance(self, signal_dn: NDArray[np.floating]) -> F64:
         """Return the variance at signals above dark, DN squared."""
-        return np.asarray(self.floor_dn2 + self.slope_dn * np.maximum(signal_dn, 0.0))
+        return self.floor_dn2 + self.slope_dn * np.maximum(signal_dn, 0.0)
 
 
 def fit_noise(signal_dn: F64, variance_dn2: F64, step: str) -> NoiseModel:
@@ -83,7 +83,7 @@ def rounding_variance_dn2(variance_dn2: F64) -> F64:
     It is the characteristic function of Gaussian noise at one cycle per DN, over pi: averaging frames does not reduce
     it, and with noise of half a DN it vanishes (Widrow and Kollar, Quantization Noise, 2008, section 4).
     """
-    return np.asarray(np.exp(-4 * np.square(np.pi) * variance_dn2) / (2 * np.square(np.pi)))
+    return np.exp(-4 * np.square(np.pi) * variance_dn2) / (2 * np.square(np.pi))
 
 
 def own_variance(sample_dn2: F64, expected_dn2: F64, frames: int) -> F64:

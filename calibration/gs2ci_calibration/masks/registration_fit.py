@@ -86,7 +86,7 @@ def _smooth(light: F64, valid: Bool) -> F64:
     chosen = np.random.default_rng(0).permutation(np.flatnonzero(valid))[:LIGHT_PIXELS]
     found, *_ = np.linalg.lstsq(basis.reshape(light.size, -1)[chosen], light.ravel()[chosen], rcond=None)
     smooth = basis @ found
-    return np.asarray(np.maximum(smooth, LIGHT_MIN * smooth.mean()) / smooth.mean())
+    return np.maximum(smooth, LIGHT_MIN * smooth.mean()) / smooth.mean()
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Fitted:
     @property
     def misfit(self) -> F64:
         """Get the reduction of each tile's squared residuals if it is shifted on its own, [T]."""
-        return np.asarray(np.einsum("ti,ti->t", self.gradient, self.shifts))
+        return np.einsum("ti,ti->t", self.gradient, self.shifts)
 
     @property
     def shifts(self) -> F64:
@@ -148,7 +148,7 @@ class Fitted:
 
     def light_step(self) -> F64:
         """Return the step of variance, scale and offset, [3]."""
-        return np.asarray(np.linalg.solve(self.light_information, self.light_gradient[self.kept].sum(axis=0)))
+        return np.linalg.solve(self.light_information, self.light_gradient[self.kept].sum(axis=0))
 
     def covariance(self) -> F64:
         """Return the covariance of the coefficients from the scatter between tiles, [2K, 2K].
@@ -163,7 +163,7 @@ class Fitted:
         left = np.eye(2) - np.transpose(hat, (0, 2, 1))
         raised = np.linalg.solve(left, self.gradient[self.kept][..., None])[..., 0]
         scores = np.einsum("tip,ti->tp", by_tile, raised)
-        return np.asarray(inverse @ (scores.T @ scores) @ inverse)
+        return inverse @ (scores.T @ scores) @ inverse
 
     def light_se(self) -> tuple[float, float]:
         """Return the standard errors of scale and variance."""
@@ -260,12 +260,12 @@ def _is_textured(textures: Textures, information: F64, ratio: float) -> Bool:
     """Return the tiles whose texture determines a shift in both directions, [T]."""
     pixels = np.maximum(textures.sums(textures.valid), 1.0) * len(textures.patterns)
     weakest = np.linalg.eigvalsh(information)[:, 0] / pixels * ratio**2
-    return np.asarray((textures.filled > TILE_VALID_MIN) & (weakest > TEXTURE_MIN))
+    return (textures.filled > TILE_VALID_MIN) & (weakest > TEXTURE_MIN)
 
 
 def _outlying(state: Fitted) -> Bool:
     misfit = state.misfit
-    return np.asarray(state.kept & (misfit > OUTLYING * float(np.median(misfit[state.kept]))))
+    return state.kept & (misfit > OUTLYING * float(np.median(misfit[state.kept])))
 
 
 def _require_tiles(textures: Textures, kept: Bool) -> None:

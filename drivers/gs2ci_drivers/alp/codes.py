@@ -5,11 +5,10 @@ olfa-lab/DmdLib, dmdlib/_alp_defns.py (from alp.h, version 12).
 """
 
 import struct
-from enum import IntEnum, unique
+from enum import IntEnum
 from typing import Final
 
 
-@unique
 class Alp(IntEnum):
     """Codes, types and values that are used here."""
 

@@ -32,7 +32,6 @@ class MalformedSlmReplyError(DeviceError):
     """Bytes from the panel that are no status; the driver adds the device and the request."""
 
 
-@enum.unique
 class SlmFrameKind(enum.IntEnum):
     """What a frame is."""
 

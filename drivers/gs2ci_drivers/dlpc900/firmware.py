@@ -12,7 +12,6 @@ from typing import Final
 from gs2ci.core.errors import InputError
 
 
-@enum.unique
 class CountUnit(enum.Enum):
     """The unit of the count of 0x1A31."""
 

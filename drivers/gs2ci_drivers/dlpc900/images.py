@@ -23,7 +23,6 @@ _LAYOUT: Final = struct.Struct("<4sHHI8sIBBB21s")
 _ROW_ALIGNMENT: Final = 16
 
 
-@enum.unique
 class Compression(enum.IntEnum):
     """Byte 25 of the image header."""
 

@@ -32,7 +32,6 @@ class MalformedHidReplyError(DeviceError):
     """Bytes from the device that are no reply; the driver adds the device and the request."""
 
 
-@enum.unique
 class Command(enum.IntEnum):
     """USB command numbers (DLPU018, chapter 2)."""
 

@@ -17,7 +17,6 @@ MAX_IMAGES: Final = 18
 MOST_BLOCKS: Final = 31
 
 
-@enum.unique
 class DisplayMode(enum.IntEnum):
     """Where patterns come from (0x1A1B)."""
 
@@ -27,7 +26,6 @@ class DisplayMode(enum.IntEnum):
     ON_THE_FLY = 3
 
 
-@enum.unique
 class PatternControl(enum.IntEnum):
     """Commands to the sequencer (0x1A24); a start after STOP begins with the first pattern."""
 
@@ -36,7 +34,6 @@ class PatternControl(enum.IntEnum):
     START = 2
 
 
-@enum.unique
 class PowerMode(enum.IntEnum):
     """Power of the controller (0x0200)."""
 

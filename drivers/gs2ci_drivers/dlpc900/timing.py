@@ -17,7 +17,6 @@ REPORT_PERIOD_S: Final = 1e-3
 _CHUNK_OVERHEAD_BYTES: Final = 8  # header, command, byte count
 
 
-@enum.unique
 class DmdType(enum.IntEnum):
     """Mirror devices by the type number of 0x0206."""
 

@@ -22,7 +22,6 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
 
 
-@enum.unique
 class PixelLayout(enum.Enum):
     """How the values of neighbouring pixels lie in memory."""
 

@@ -10,7 +10,7 @@ Here: building requests, finding whole messages in a stream, the status bits. Pu
 
 import struct
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag, unique
+from enum import IntEnum, IntFlag
 from typing import Final
 
 HOST: Final = 0x01
@@ -24,7 +24,6 @@ CHANNEL: Final = 1
 """Cubes have one channel, and so does each bay of a benchtop controller."""
 
 
-@unique
 class Message(IntEnum):
     """Ids of the messages that are used or understood here."""
 

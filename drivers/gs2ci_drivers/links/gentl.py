@@ -119,8 +119,7 @@ class GenTlPort:
     def read(self, name: str) -> FeatureValue:
         """Read a feature; see `CameraPort`."""
         with _gentl_errors(name):
-            value: FeatureValue = self._node(name).value
-            return value
+            return self._node(name).value
 
     def write(self, name: str, value: FeatureValue) -> None:
         """Write a feature; see `CameraPort`."""

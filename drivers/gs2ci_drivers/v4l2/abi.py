@@ -325,7 +325,6 @@ def _ioc(direction: int, number: int, layout: type[ctypes.Structure] | type[ctyp
     return direction << 30 | ctypes.sizeof(layout) << 16 | ord("V") << 8 | number
 
 
-@enum.unique
 class Ioctl(enum.IntEnum):
     """The ioctl requests that the driver makes."""
 
@@ -356,7 +355,6 @@ SUBDEV_G_SELECTION: Final = _ioc(_READ | _WRITE, 61, SubdevSelection)
 SUBDEV_S_SELECTION: Final = _ioc(_READ | _WRITE, 62, SubdevSelection)
 
 
-@enum.unique
 class BufferType(enum.IntEnum):
     """enum v4l2_buf_type, the two capture kinds."""
 
@@ -383,7 +381,6 @@ class BufferFlag(enum.IntFlag):
     LAST = 0x100000
 
 
-@enum.unique
 class EventType(enum.IntEnum):
     """V4L2_EVENT_*: the events that the driver listens to."""
 
@@ -391,7 +388,6 @@ class EventType(enum.IntEnum):
     SOURCE_CHANGE = 5
 
 
-@enum.unique
 class ControlType(enum.IntEnum):
     """enum v4l2_ctrl_type: how a control's value is to be read."""
 
@@ -420,7 +416,6 @@ class ControlFlag(enum.IntFlag):
     NEXT_CTRL = 0x80000000
 
 
-@enum.unique
 class Cid(enum.IntEnum):
     """V4L2_CID_*: controls that the driver knows by number."""
 
@@ -437,7 +432,6 @@ class Cid(enum.IntEnum):
     VFLIP = 0x00980915
 
 
-@enum.unique
 class SelectionTarget(enum.IntEnum):
     """V4L2_SEL_TGT_*: which region is meant."""
 

@@ -23,7 +23,6 @@ Alignment = Literal["low", "high", "repeated"]
 RawBytes = bytes | bytearray | memoryview | U8
 
 
-@enum.unique
 class Packing(enum.Enum):
     """How pixels lie in a row: pixels per group and bytes per group."""
 

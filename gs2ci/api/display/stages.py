@@ -5,7 +5,6 @@ Here: `RunningStage`; `StageDisplay`, the base class of displays; `describe_figu
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Final, Self
 
 from gs2ci.core.clock import Clock, WallClock
@@ -68,9 +67,7 @@ class StageDisplay(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.finish()
 
     def stage(self, name: str, total: int | None = None) -> None:

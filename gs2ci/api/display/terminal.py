@@ -1,7 +1,6 @@
 """The display of a terminal, by rich."""
 
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Final, Self
 
 from rich.console import Console, RenderableType
@@ -38,9 +37,7 @@ class LiveDisplay(StageDisplay):
         self._bars.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object = None, *_: object) -> None:
         if kind is None:  # otherwise the bar stays unchanged
             self.finish()
         self._bars.stop()

@@ -45,8 +45,7 @@ class CodingConvention:
     @cached_property
     def multiplicity(self) -> F64:
         """Get what a white scene would measure, a(p) = Σ wᵢ Mᵢ(p), [H, W]."""
-        total: F64 = np.tensordot(self.weights.astype(np.float64), self.masks.astype(np.float64), 1)
-        return total
+        return np.tensordot(self.weights.astype(np.float64), self.masks.astype(np.float64), 1)
 
     def reversed(self) -> "CodingConvention":
         """Get the same masks in the opposite order."""
@@ -220,5 +219,4 @@ def _snapped(scale: float, views: int) -> float:
 
 
 def _fine(image: F64) -> F64:
-    fine: F64 = image - ndimage.uniform_filter(image, 5)
-    return fine
+    return image - ndimage.uniform_filter(image, 5)

@@ -1,7 +1,7 @@
 """A foreign file in, shots and the list of guesses out.
 
-Here: what the user may fix beforehand (`ImportOptions`) and the order in which everything else is determined. Not here:
-the single guesses (the files beside this one), writing (`gs2ci.core.storage`).
+Here: the order in which everything that the user has not fixed is determined. Not here: what the user may fix
+(`options`), the single guesses (the files beside this one), writing (`gs2ci.core.storage`).
 """
 
 from dataclasses import dataclass, replace
@@ -17,64 +17,13 @@ from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
 from gs2ci.core.foreign.colours import COLOURS, one_reading
 from gs2ci.core.foreign.container import Array
-from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.fields import Fields
 from gs2ci.core.foreign.gathered import Found, chosen_masks, find, weights_of
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.foreign.settled import SettledReadings, settle
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
-
-
-@dataclass(frozen=True)
-class ImportOptions:
-    """What the user states; None, "auto" and "" mean: infer it from the numbers.
-
-    Args:
-        meas_key: Key of the measurement.
-        mask_key: Key of the masks.
-        truth_key: Key of the true views; "none": leave them out.
-        mask_axis: Whether masks are counted along the first or the last axis.
-        meas_layout: Whether three images are one RGB measurement or a stack of three.
-        views: Use only the first so many masks (for files that hold more than were exposed).
-        reverse_masks: Whether the masks, with their weights, were exposed in the opposite order.
-        mask_scale: Reading of a fully open mask.
-        scale: Reading of a white scene under one open mask, above the offset.
-        offset: Reading without light.
-        saturation: Readings at or above it are clipped; 0: none is.
-        cfa: Colour filter array of a single-channel measurement.
-        intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels.
-        focal_px: Focal length in pixels, principal point at the centre.
-        distortion: Of the lens, OpenCV's k1 k2 p1 p2 k3.
-        world_to_camera: True poses, [N, 4, 4], for scoring only.
-        truth: True views, for scoring only.
-        white_key: Key of frames of an even light; "none": leave them out.
-        dark_key: Key of frames without light; "none": leave them out.
-        bad_pixels: What to do with NaN in the measurement.
-        curve: How readings are stored; "auto": as they show.
-    """
-
-    meas_key: str | None = None
-    mask_key: str | None = None
-    truth_key: str | None = None
-    white_key: str | None = None
-    dark_key: str | None = None
-    mask_axis: axes.MaskAxis = "auto"
-    meas_layout: axes.Layout = "auto"
-    views: int | None = None
-    reverse_masks: bool = False
-    mask_scale: float | None = None
-    scale: float | None = None
-    offset: float | None = None
-    saturation: float | None = None
-    cfa: CfaPattern | None = None
-    intrinsics: Array | None = None
-    focal_px: float | None = None
-    distortion: Array | None = None
-    world_to_camera: Array | None = None
-    truth: Array | None = None
-    bad_pixels: pixels.BadPixels = "refuse"
-    curve: CurveName = "auto"
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,14 @@ default exists, a printed guess.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
-
-MaskAxis = Literal["auto", "first", "last"]
-Layout = Literal["auto", "rgb", "stack"]
+from gs2ci.core.foreign.options import ImportOptions, Layout, MaskAxis
 
 # H, W: pixels; C: 1 or 3 colours; K: measurements; N: masks; T: true frames (K times N).
 _MEASUREMENT_ORDERS: Final = ("HW", "HWC", "CHW", "HWK", "KHW", "KHWC", "HWCK", "HWKC", "KCHW")
@@ -50,20 +48,8 @@ class _Reading:
         return self.extents.get(axis, 1)
 
 
-class AxisOptions(Protocol):
-    """What the user may fix about axes."""
-
-    @property
-    def mask_axis(self) -> MaskAxis:
-        """Get where the masks are counted."""
-
-    @property
-    def meas_layout(self) -> Layout:
-        """Get whether a third axis of three is colour or a stack."""
-
-
 def arrange(
-    measurement: Array, masks: Array, truth: Array | None, options: AxisOptions, guesses: list[str]
+    measurement: Array, masks: Array, truth: Array | None, options: ImportOptions, guesses: list[str]
 ) -> Arranged:
     """Find heights, widths, measurements and masks among the axes.
 
@@ -118,7 +104,7 @@ def arrange(
     return Arranged(_in_order(measurement.values, m, "KHWC"), _in_order(stack, k, "NHW"))
 
 
-def _fitting(shape: tuple[int, ...], masks: tuple[int, ...], options: AxisOptions) -> list[tuple[_Reading, _Reading]]:
+def _fitting(shape: tuple[int, ...], masks: tuple[int, ...], options: ImportOptions) -> list[tuple[_Reading, _Reading]]:
     return [
         (m, k)
         for m in _readings(shape, _MEASUREMENT_ORDERS)

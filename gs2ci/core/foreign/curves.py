@@ -40,29 +40,25 @@ class Curve:
 def _from_srgb(readings: F64, _: F64, full: float) -> F64:
     """Decode a display's encoding (IEC 61966-2-1)."""
     share = np.maximum(readings, 0) / full
-    decoded: F64 = full * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return decoded
+    return full * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 
 def _power(exponent: float) -> Callable[[F64, F64, float], F64]:
     def undo(readings: F64, _: F64, full: float) -> F64:
-        decoded: F64 = full * (np.maximum(readings, 0) / full) ** exponent
-        return decoded
+        return full * (np.maximum(readings, 0) / full) ** exponent
 
     return undo
 
 
 def _exponential(strength: float) -> Callable[[F64, F64, float], F64]:
     def undo(readings: F64, _: F64, full: float) -> F64:
-        decoded: F64 = full * np.expm1(np.maximum(readings, 0) / full * np.log1p(strength)) / strength
-        return decoded
+        return full * np.expm1(np.maximum(readings, 0) / full * np.log1p(strength)) / strength
 
     return undo
 
 
 def _multiplied(readings: F64, open_masks: F64, _: float) -> F64:
-    product: F64 = readings * open_masks
-    return product
+    return readings * open_masks
 
 
 DIVIDED: Final = Curve("divided", "readings divided by the sum of the masks", _multiplied)

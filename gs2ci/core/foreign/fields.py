@@ -6,7 +6,7 @@ frame is not used, for measurement and masks agree. The noise of frames is kept 
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import roles
 from gs2ci.core.foreign.container import Array, Container
+from gs2ci.core.foreign.options import ImportOptions
 
 # Vignetting is even over so many pixels; what is finer is the response of pixels, and noise.
 _EVEN_PX: Final = 15
@@ -45,22 +46,6 @@ class FieldFrame:
     count: int
 
 
-class FieldOptions(Protocol):
-    """What the user may say about frames."""
-
-    @property
-    def white_key(self) -> str | None:
-        """Get the key of the white frames."""
-
-    @property
-    def dark_key(self) -> str | None:
-        """Get the key of the dark frames."""
-
-    @property
-    def offset(self) -> float | None:
-        """Get the reading without light."""
-
-
 @dataclass(frozen=True)
 class Fields:
     """White and dark frames, as far as a file holds them.
@@ -76,7 +61,7 @@ class Fields:
     where: str
 
     @classmethod
-    def of(cls, container: Container, options: FieldOptions, shape: tuple[int, ...], guesses: list[str]) -> "Fields":
+    def of(cls, container: Container, options: ImportOptions, shape: tuple[int, ...], guesses: list[str]) -> "Fields":
         """Take the frames of a file for a measurement of shape [H, W, C]."""
         found: dict[str, FieldFrame | None] = {"white": None, "dark": None}
         where = ""
@@ -106,8 +91,7 @@ class Fields:
         if self.dark is None or not have_dark(masks.astype(np.float64), self.dark):
             return masks
         guesses.append(f"{where}: the dark frame was subtracted from the masks, which lie on it")
-        lifted: F64 = np.maximum(masks - self.dark.values.mean(axis=2), 0)
-        return lifted
+        return np.maximum(masks - self.dark.values.mean(axis=2), 0)
 
     def flattened(self, readings: F64, masks: NDArray[Any], guesses: list[str]) -> F64:
         """Divide readings, [K, H, W, C], by what each pixel sees of an even light."""

@@ -5,7 +5,7 @@ Here: loading them under their keys. Not here: names of keys (`roles`), the orde
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,30 +15,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import roles
 from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.opening import open_foreign
-
-
-class ArrayOptions(Protocol):
-    """What the user may say about arrays."""
-
-    @property
-    def meas_key(self) -> str | None:
-        """Get the key of the measurement."""
-
-    @property
-    def mask_key(self) -> str | None:
-        """Get the key of the masks."""
-
-    @property
-    def truth_key(self) -> str | None:
-        """Get the key of the true views."""
-
-    @property
-    def truth(self) -> Array | None:
-        """Get the true views."""
-
-    @property
-    def views(self) -> int | None:
-        """Get how many masks to use."""
+from gs2ci.core.foreign.options import ImportOptions
 
 
 @dataclass(frozen=True)
@@ -52,7 +29,7 @@ class Found:
     masks_container: Container
 
 
-def find(path: Path, masks_path: Path | None, options: ArrayOptions, guesses: list[str]) -> Found:
+def find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: list[str]) -> Found:
     """Open the files and load measurement, masks and true views.
 
     Raises:
@@ -82,7 +59,7 @@ def find(path: Path, masks_path: Path | None, options: ArrayOptions, guesses: li
     return Found(measurement, masks, truth, container, holder)
 
 
-def chosen_masks(stack: NDArray[Any], found: Found, options: ArrayOptions) -> NDArray[Any]:
+def chosen_masks(stack: NDArray[Any], found: Found, options: ImportOptions) -> NDArray[Any]:
     """Return as many of the masks as the user says.
 
     Raises:

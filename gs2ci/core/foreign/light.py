@@ -87,8 +87,7 @@ class LightQuestion:
     @property
     def image(self) -> F64:
         """Get the plane that is asked: of the first measurement, its green."""
-        plane: F64 = self.readings[0, :, :, self.readings.shape[3] // 2]
-        return plane
+        return self.readings[0, :, :, self.readings.shape[3] // 2]
 
     def grow(self, curve: Curve | None = None) -> Growth | None:
         """Draw readings over open masks, as given or with a curve undone."""

@@ -130,5 +130,4 @@ def _peak_offset(line: F64, peak: int) -> float:
 
 
 def _fine(image: F64) -> F64:
-    fine: F64 = image - ndimage.uniform_filter(image, 5)
-    return fine
+    return image - ndimage.uniform_filter(image, 5)

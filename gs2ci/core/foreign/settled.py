@@ -6,7 +6,7 @@ the questions themselves (`pattern`, `shown`, `light`, `overflow`).
 """
 
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -15,10 +15,10 @@ from gs2ci.core.foreign import agreement, light
 from gs2ci.core.foreign.agreement import CodingConvention
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.curves import CurveName
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.foreign.shown import Traces, traces
 from gs2ci.core.linearity import Growth, lattices
-from gs2ci.core.records import CfaPattern
 
 # A correlation this far below zero: the masks are open where the readings say closed.
 _INVERTED: Final = -0.3
@@ -33,30 +33,6 @@ _CLOSED: Final = 0.3
 _HALVINGS: Final = 8
 _MOST_ASKED: Final = 8
 _LEAST_BACKGROUND: Final = 0.01
-
-
-class LightOptions(Protocol):
-    """What the user may fix about light."""
-
-    @property
-    def offset(self) -> float | None:
-        """Get the reading without light."""
-
-    @property
-    def saturation(self) -> float | None:
-        """Get the reading from which on readings are clipped."""
-
-    @property
-    def views(self) -> int | None:
-        """Get how many masks to use."""
-
-    @property
-    def curve(self) -> CurveName:
-        """Get how readings are stored."""
-
-    @property
-    def cfa(self) -> CfaPattern | None:
-        """Get the colour filter array."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +62,7 @@ class SettledReadings:
 class _Settling:
     measurement: Array
     masks: Array
-    options: LightOptions
+    options: ImportOptions
     is_mosaic: bool
     has_dark: bool
     guesses: list[str]
@@ -228,7 +204,7 @@ class _Settling:
 def settle(
     measurement: Array,
     masks: Array,
-    options: LightOptions,
+    options: ImportOptions,
     coding: CodingConvention,
     readings: F64,
     *,

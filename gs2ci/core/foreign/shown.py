@@ -116,5 +116,4 @@ def _cut(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def _fine(image: F64) -> F64:
-    fine: F64 = image - local_mean(image, _FINE_PX)
-    return fine
+    return image - local_mean(image, _FINE_PX)

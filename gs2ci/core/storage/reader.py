@@ -1,8 +1,7 @@
 """Reading capture files that are not trusted: unfinished, damaged, from elsewhere, or malicious.
 
-Here: `read_shot`, `count_shots`, `read_calibration`, and `CaptureFile`, through which all of them (and `recover`)
-read a file. Every fault becomes one StorageError that names file and key. Not here: safe reading of HDF5 files in
-general (`gs2ci.core.hdf5`).
+Here: `read_shot`, `count_shots`, and `CaptureFile`, through which both (and `recover`) read a file. Every fault becomes
+one StorageError that names file and key. Not here: safe reading of HDF5 files in general (`gs2ci.core.hdf5`).
 """
 
 import json
@@ -19,7 +18,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import Gs2ciError, StorageError
 from gs2ci.core.hdf5 import NOT_OURS, SuspectFile, check_text_heaps
 from gs2ci.core.records import Shot, Truth
-from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usable_per_pixel
+from gs2ci.core.storage.layout import NO_MAP, SCHEMA, unpack, usable_per_pixel
 from gs2ci.core.storage.padding import PaddedFile, stored_end
 from gs2ci.core.storage.sealing import PARTIAL
 
@@ -62,17 +61,6 @@ def _indices(shots: int) -> str:
     if shots == 0:
         return "none: it holds no shot"
     return "0: it holds one shot" if shots == 1 else f"0 to {shots - 1}"
-
-
-def read_calibration(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the static calibration arrays of a finished capture file (`calib/dark`, `masks/bits`, ...).
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
-    with opened(path) as capture:
-        arrays = {key: capture.array(key, axes=axes) for key, (_, axes) in CALIBRATION.items()}
-    return {key: array for key, array in arrays.items() if array is not None}
 
 
 @contextmanager

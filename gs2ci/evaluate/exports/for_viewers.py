@@ -181,8 +181,7 @@ class _Room:
         before = torch.linalg.cross(across, down).square().sum(dim=1)
         after = before + DILATION_PX2 * (across.square() + down.square()).sum(dim=1) + DILATION_PX2**2
         # The root has no slope at 0.
-        kept: Tensor = (before / after).clamp(min=_OPACITY_MARGIN**2).sqrt()
-        return kept
+        return (before / after).clamp(min=_OPACITY_MARGIN**2).sqrt()
 
 
 def _typical_depth(means: Tensor, world_to_camera: Tensor) -> float:

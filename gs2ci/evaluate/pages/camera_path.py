@@ -84,7 +84,7 @@ def path_svg(paths: Paths, width: int, *, unit: str, shown: Sequence[int] = ()) 
         for name, poses in together.items()
     ]
     bar = _ruler(extent)
-    rendered: Markup = (
+    return (
         environment()
         .get_template("charts.html")
         .module.path(  # type: ignore[attr-defined]
@@ -95,7 +95,6 @@ def path_svg(paths: Paths, width: int, *, unit: str, shown: Sequence[int] = ()) 
             scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
         )
     )
-    return rendered
 
 
 def path_colour(name: str) -> Colour:

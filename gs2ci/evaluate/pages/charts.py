@@ -171,8 +171,7 @@ def bars_svg(parts: Sequence[Bar], unit: str) -> Markup:
 
 
 def _render(name: str, **values: Any) -> Markup:
-    rendered: Markup = getattr(environment().get_template("charts.html").module, name)(**values)
-    return rendered
+    return getattr(environment().get_template("charts.html").module, name)(**values)
 
 
 def _drawable(point: tuple[float, float], chart: Chart) -> bool:

@@ -74,8 +74,7 @@ def page(title: str, sections: Sequence[PageSection], *, masthead: Markup | None
 def piece(name: str, /, **values: Any) -> Markup:
     """Render one macro of `templates/pieces.html`."""
     macro = getattr(environment().get_template("pieces.html").module, name)
-    rendered: Markup = macro(**values)
-    return rendered
+    return macro(**values)
 
 
 def fit(text: object) -> str:

@@ -52,8 +52,7 @@ def touched(pixels: Bool, factor: int, period: int) -> Bool:
     """
     height, width = (side // (factor * period) * factor * period for side in pixels.shape)
     share = _averaged(pixels[None, :height, :width, None].astype(np.float32), factor, period)
-    found: Bool = share[0, ..., 0] > 0
-    return found
+    return share[0, ..., 0] > 0
 
 
 def enlarged(views: F32, factor: int, size: tuple[int, int]) -> F32:
@@ -68,8 +67,7 @@ def enlarged(views: F32, factor: int, size: tuple[int, int]) -> F32:
     large = np.stack([cv2.resize(view, (width, height), interpolation=cv2.INTER_CUBIC) for view in views])
     large = large.reshape(len(views), height, width, views.shape[3])  # OpenCV drops a single channel
     margins = ((0, 0), (0, size[0] - height), (0, size[1] - width), (0, 0))
-    padded: F32 = np.pad(large, margins, mode="edge").astype(np.float32)
-    return padded
+    return np.pad(large, margins, mode="edge").astype(np.float32)
 
 
 def _averaged(stack: F32, factor: int, period: int) -> F32:

@@ -12,9 +12,9 @@ register alike are judged by the same pixels.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, get_args
+from typing import Any, Final, get_args
 
 import numpy as np
 
@@ -62,74 +62,43 @@ class TradeoffTrial:
 
 
 def _trials() -> dict[str, TradeoffTrial]:
-    found = [*_ladder(), *_stages(), *_windows(), *_rasteriser()]
-    return {trial.name: trial for trial in found}
+    """Make the trials: the presets, and the standard with one setting changed, named by where it lies.
 
-
-def _ladder() -> list[TradeoffTrial]:
-    """The presets, and what changes all of a standard's schedule or size."""
+    Of the rasteriser, 1e-4 of the light and lists for four iterations are the standard; of windows, a narrower and a
+    wider one each are tried.
+    """
     base = PRESETS[BASELINE]
     found = [TradeoffTrial("decode", "preset", base, fits=False)]
     found += [TradeoffTrial(name, "preset", settings) for name, settings in PRESETS.items()]
     found.append(TradeoffTrial("half the resolution", "resolution", base, shrink=2))
-    for fits in (1, 4):
-        found.append(TradeoffTrial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
-    for iterations in (50, 100, 200, 800):
-        changed = replace(base, fit=rescheduled(base.fit, iterations))
-        found.append(TradeoffTrial(f"{iterations} iterations", "iterations", changed))
-    for share in (0.1, 0.5):
-        changed = replace(base, fit=replace(base.fit, gaussians_per_pixel=share))
-        found.append(TradeoffTrial(f"{share:g} Gaussians per pixel", "population", changed))
-    return found
+    schedules = [rescheduled(base.fit, iterations) for iterations in (50, 100, 200, 800)]
+    looks = [name for name in get_args(FirstLookName) if name != base.first_look]
+    changes: tuple[tuple[str, str, str, Sequence[Any]], ...] = (
+        ("1 fit", "fits", "fits", (1,)),
+        ("4 fits", "fits", "fits", (4,)),
+        ("{.iterations} iterations", "iterations", "fit", schedules),
+        ("{} Gaussians per pixel", "population", "fit.gaussians_per_pixel", (0.1, 0.5)),
+        ("first Gaussians every {} px", "start", "stride_px", (2, 5)),
+        ("{} decode steps", "decode steps", "decode.iterations", (10, 160)),
+        ("first look by {}", "first look", "first_look", looks),
+        ("{} depth planes", "depth planes", "geometry.sweep.planes", (24, 192)),
+        ("tracks through {} px", "windows", "geometry.tracks.window_px", (11, 31)),
+        ("sweep through {} px", "windows", "geometry.sweep.window_px", (5, 11)),
+        ("similarity through {} px", "windows", "fit.loss.window_px", (5, 21)),
+        ("lists for 1 iteration", "list reuse", "raster.relist_every", (1,)),
+        ("lists for {} iterations", "list reuse", "raster.relist_every", (8,)),
+        ("blending to the end", "precision", "raster.termination_transmittance", (0.0,)),
+        ("blending to {:.0%} of the light", "precision", "raster.termination_transmittance", (0.01, 0.1)),
+    )
+    for name, knob, setting, values in changes:
+        found += [TradeoffTrial(name.format(value), knob, _changed(base, setting, value)) for value in values]
+    return {trial.name: trial for trial in found}
 
 
-def _stages() -> list[TradeoffTrial]:
-    """What a single stage before the fit does."""
-    base, found = PRESETS[BASELINE], []
-    for stride in (2, 5):
-        found.append(TradeoffTrial(f"first Gaussians every {stride} px", "start", replace(base, stride_px=stride)))
-    for steps in (10, 160):
-        changed = replace(base, decode=replace(base.decode, iterations=steps))
-        found.append(TradeoffTrial(f"{steps} decode steps", "decode steps", changed))
-    for name in get_args(FirstLookName):
-        if name != base.first_look:
-            found.append(TradeoffTrial(f"first look by {name}", "first look", replace(base, first_look=name)))
-    for planes in (24, 192):
-        geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, planes=planes))
-        found.append(TradeoffTrial(f"{planes} depth planes", "depth planes", replace(base, geometry=geometry)))
-    return found
-
-
-def _windows() -> list[TradeoffTrial]:
-    """The windows through which tracks, plane sweep and loss look: a narrower and a wider one each."""
-    base, found = PRESETS[BASELINE], []
-    for side in (11, 31):
-        geometry = replace(base.geometry, tracks=replace(base.geometry.tracks, window_px=side))
-        found.append(TradeoffTrial(f"tracks through {side} px", "windows", replace(base, geometry=geometry)))
-    for side in (5, 11):
-        geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, window_px=side))
-        found.append(TradeoffTrial(f"sweep through {side} px", "windows", replace(base, geometry=geometry)))
-    for side in (5, 21):
-        fit = replace(base.fit, loss=replace(base.fit.loss, window_px=side))
-        found.append(TradeoffTrial(f"similarity through {side} px", "windows", replace(base, fit=fit)))
-    return found
-
-
-def _rasteriser() -> list[TradeoffTrial]:
-    """What the rasteriser may leave out; 1e-4 of the light, and lists for four iterations, are the standard."""
-    base, found = PRESETS[BASELINE], []
-    for every in (1, 8):
-        raster = replace(base.raster, relist_every=every)
-        found.append(
-            TradeoffTrial(
-                f"lists for {every} iteration{'s' if every > 1 else ''}", "list reuse", replace(base, raster=raster)
-            )
-        )
-    for share in (0.0, 0.01, 0.1):
-        raster = replace(base.raster, termination_transmittance=share)
-        name = f"blending to {share:.0%} of the light" if share else "blending to the end"
-        found.append(TradeoffTrial(name, "precision", replace(base, raster=raster)))
-    return found
+def _changed(settings: Any, place: str, value: Any) -> Any:
+    """Replace one setting, which lies at a place such as `fit.loss.window_px`."""
+    name, _, rest = place.partition(".")
+    return replace(settings, **{name: _changed(getattr(settings, name), rest, value) if rest else value})
 
 
 TRIALS: Final = _trials()

@@ -41,5 +41,4 @@ class Demosaicer:
 
 def _filter(image: F32, kernel: F32) -> F32:
     # Reflection about the border pixel keeps the parity of the mosaic.
-    filtered: F32 = cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
-    return filtered
+    return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REFLECT_101)

@@ -45,8 +45,7 @@ def gap_on_device(
         now, goal, energy = projected(now, goal, masks, measured, inverse, weighed, power)
         told(step + 1, float(energy))
         now = smoothed(now, denoise[0] * sigma, denoise[1])
-    found: F32 = now.cpu().numpy()
-    return found
+    return now.cpu().numpy()
 
 
 def projected(

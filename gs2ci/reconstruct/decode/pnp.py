@@ -282,8 +282,7 @@ def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: NDArray
 
 
 def _blur(plane: F32) -> F32:
-    blurred: F32 = cv2.GaussianBlur(plane, (0, 0), _FILL_PX, borderType=cv2.BORDER_REPLICATE)
-    return blurred
+    return cv2.GaussianBlur(plane, (0, 0), _FILL_PX, borderType=cv2.BORDER_REPLICATE)
 
 
 def _plane_prior(denoise: Denoiser) -> _Prior:

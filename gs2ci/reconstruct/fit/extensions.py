@@ -1,19 +1,15 @@
-"""What settings may add to the coarse fits, or withhold from them: interfaces.
+"""What settings may add to the coarse fits: the interface of a last stage after them.
 
-Here: a last stage after the fits, and a geometry of which they are not given all. Not here: any of these; they are the
-paper's (`gs2ci.reconstruct.paper.fine`, `.withheld`).
+Not here: any such stage; there is the paper's (`gs2ci.reconstruct.paper.fine`).
 """
 
 from typing import Protocol, Self
 
-from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.fit.coarse.looks import Decode, Monitoring, Score
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.fit.losses.objective import LossWeights
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 
@@ -66,20 +62,3 @@ class LastStageSettings(Protocol):
 
     def with_models(self, prior: str | None, distance: str | None) -> Self:
         """Return the same with another prior or distance, by name; None: as it is."""
-
-
-class Withholding(Protocol):
-    """What is withheld of a geometry."""
-
-    def first_poses(self, geometry: Geometry) -> Geometry:
-        """Return the geometry with the poses from which a fit starts."""
-
-    def first_points(self, geometry: Geometry, views: F32, stride: int, seed: int) -> Seeds:
-        """Return the points from which a fit starts.
-
-        Args:
-            geometry: Poses and depth.
-            views: Decoded views, [N, H, W, C].
-            stride: Step between pixels, along rows and columns.
-            seed: Of random draws.
-        """

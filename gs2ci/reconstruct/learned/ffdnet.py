@@ -156,5 +156,4 @@ def _resolve(network: FfdNet) -> FfdNet | None:
 def _probe_image() -> F64:
     y, x = np.mgrid[:64, :64] / 64
     disc = np.hypot(x - 0.4, y - 0.6) < 0.25
-    image: F64 = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
-    return image
+    return 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc

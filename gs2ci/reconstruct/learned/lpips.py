@@ -137,13 +137,12 @@ def _conv(parts: Sequence[Tensor], attributes: Attributes) -> Tensor:
 
 
 def _max_pool(parts: Sequence[Tensor], attributes: Attributes) -> Tensor:
-    pooled: Tensor = functional.max_pool2d(
+    return functional.max_pool2d(
         _padded(parts[0], attributes, float("-inf")),
         attributes["kernel_shape"],
         stride=attributes.get("strides", [1, 1]),
         ceil_mode=bool(attributes.get("ceil_mode", 0)),
     )
-    return pooled
 
 
 def _padded(image: Tensor, attributes: Attributes, value: float) -> Tensor:
@@ -160,8 +159,7 @@ def _axes(parts: Sequence[Tensor], attributes: Attributes) -> list[int]:
 
 def _reducer(reduce: Callable[..., Tensor]) -> Operator:
     def run(parts: Sequence[Tensor], attributes: Attributes) -> Tensor:
-        reduced: Tensor = reduce(parts[0], dim=_axes(parts, attributes), keepdim=bool(attributes.get("keepdims", 1)))
-        return reduced
+        return reduce(parts[0], dim=_axes(parts, attributes), keepdim=bool(attributes.get("keepdims", 1)))
 
     return run
 

@@ -119,8 +119,7 @@ class OnnxDenoiser:
                 f"{self.path.name} returned numbers that are not finite at sigma {sigma:.4g}",
                 remedy="check that the model takes images and sigma with full scale 1",
             )
-        result: F32 = denoised.astype(np.float32, copy=False)
-        return result
+        return denoised.astype(np.float32, copy=False)
 
     def _sigma_like(self, images: F32, sigma: float) -> F32:
         shape = self._sigma.shape if self._sigma is not None else []

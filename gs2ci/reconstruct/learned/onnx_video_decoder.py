@@ -97,8 +97,7 @@ class OnnxVideoDecoder:
         return np.ascontiguousarray(np.flip(views, tuple(axis + 2 for axis in flips)).transpose(1, 2, 3, 0))
 
     def _grey(self, measurement: F32, masks: F32) -> F32:
-        views: F32 = self._run(measurement, masks, (1, len(masks)))[0]
-        return views
+        return self._run(measurement, masks, (1, len(masks)))[0]
 
     def _run(self, measurement: F32, masks: F32, leading: tuple[int, ...]) -> F32:
         """Run the network on y [H, W] and Φ [N, H, W]; returns [*leading, H, W]."""
@@ -132,8 +131,7 @@ class OnnxVideoDecoder:
                 f"{self.path.name} returned numbers that are not finite",
                 remedy="check that the model takes measurements that are not normalised",
             )
-        found: F32 = views[..., :height, :width].astype(np.float32, copy=False)
-        return found
+        return views[..., :height, :width].astype(np.float32, copy=False)
 
     def _refusal(self) -> InputError:
         return InputError(

@@ -64,8 +64,7 @@ class OnnxVideoDenoiser:
             return self._denoise(views, sigma)
         if self._channels == 1:
             return np.concatenate([self._denoise(views[:, c : c + 1], sigma) for c in range(channels)], axis=1)
-        denoised: F32 = self._denoise(np.repeat(views, 3, axis=1), 3**0.5 * sigma).mean(axis=1, keepdims=True)
-        return denoised
+        return self._denoise(np.repeat(views, 3, axis=1), 3**0.5 * sigma).mean(axis=1, keepdims=True)
 
     def _denoise(self, views: F32, sigma: float) -> F32:
         height, width = views.shape[2:]

@@ -146,8 +146,7 @@ class Vggt:
             )
         if not np.isfinite(value).all():
             raise NumericsError(f"{self.path.name} returned {name} that is not finite", remedy=_REMEDY)
-        found: F32 = value.reshape(shape).astype(np.float32, copy=False)
-        return found
+        return value.reshape(shape).astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True)

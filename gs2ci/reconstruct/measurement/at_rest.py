@@ -92,13 +92,11 @@ def _log_ratio(displaced: BlockDisplacements, expected: F64 | float) -> F64:
     """Return by how much likelier blocks move as expected, [B, K], than anyhow (natural logarithm, [B])."""
     as_expected = _log_likelihood(displaced.px - expected, displaced.covariance, _AT_REST_PX)
     anyhow = [_log_likelihood(displaced.px, displaced.covariance, size) for size in _MOVING_PX]
-    found: F64 = as_expected - np.logaddexp.reduce(anyhow) + np.log(len(_MOVING_PX))
-    return found
+    return as_expected - np.logaddexp.reduce(anyhow) + np.log(len(_MOVING_PX))
 
 
 def _log_likelihood(found: F64, covariance: F64, size_px: float) -> F64:
     """Return the logarithm of the density of displacements, [B], of about this size, but for a constant."""
     spread = covariance + np.eye(found.shape[1]) * size_px**2
     distance = np.einsum("bi,bi->b", found, np.linalg.solve(spread, found[..., None])[..., 0])
-    density: F64 = -0.5 * (distance + np.linalg.slogdet(spread)[1])
-    return density
+    return -0.5 * (distance + np.linalg.slogdet(spread)[1])

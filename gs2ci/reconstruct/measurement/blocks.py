@@ -25,8 +25,7 @@ def in_blocks(picture: F32 | F64) -> F64:
     padded = np.zeros((down * BLOCK_PX, across * BLOCK_PX, channels))
     padded[:height, :width] = picture
     cut = padded.reshape(down, BLOCK_PX, across, BLOCK_PX, channels).swapaxes(1, 2)
-    blocks: F64 = cut.reshape(down, across, BLOCK_PX**2, channels)
-    return blocks
+    return cut.reshape(down, across, BLOCK_PX**2, channels)
 
 
 def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int) -> NDArray[np.intp]:

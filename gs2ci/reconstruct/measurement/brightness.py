@@ -129,8 +129,7 @@ class Brightness:
         """Return views of even light, [N, H, W, C], with the brightness of the delivered ones."""
         if self.factors is None or not self.as_seen:
             return views
-        lit: F32 = views * self.factors.astype(np.float32)[:, None, None, None]
-        return lit
+        return views * self.factors.astype(np.float32)[:, None, None, None]
 
     def summary(self) -> LightSection | None:
         """Return the figures for the report; None if there is no estimate."""
@@ -260,8 +259,7 @@ class LinearSystem:
         share = self.light / self.light.sum()
         mean = float(found @ share)
         towards_mean = (np.eye(len(found)) - np.outer(found, share) / mean) / mean
-        errors: F64 = np.sqrt(np.diagonal(towards_mean @ spread @ towards_mean.T).clip(min=0))
-        return errors
+        return np.sqrt(np.diagonal(towards_mean @ spread @ towards_mean.T).clip(min=0))
 
     def gain(self, solver: "LinearSystem | None" = None) -> float:
         """Return the share by which each half's brightness reduces the other half's residual; 0 unless surely so.
@@ -282,8 +280,7 @@ class LinearSystem:
     def _squares(self, brightness: F64, pixels: Bool | slice) -> F64:
         """Return squared residuals of pixels, summed over their channels."""
         left = self.readings[pixels] - np.tensordot(brightness, self.parts[:, pixels], axes=1)
-        squares: F64 = (left**2).sum(axis=-1)
-        return squares
+        return (left**2).sum(axis=-1)
 
     def of_all_views(self, found: F64) -> F64:
         """Return the brightness of all views, [N], from that of the lit ones; 1 for views without light."""
@@ -295,5 +292,4 @@ class LinearSystem:
 def _part(coding: Coding, views: F32, view: int) -> F64:
     """Return the contribution of one view to the measurement, [H, W, C]."""
     alone = Coding(coding.transmissions[view : view + 1], coding.channels)
-    part: F64 = alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)
-    return part
+    return alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)

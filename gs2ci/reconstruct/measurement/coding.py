@@ -59,8 +59,7 @@ def select(image: Tensor, channels: Tensor) -> Tensor:
 
 def white_reading(shot: Shot) -> F64:
     """Return the reading of each pixel for a white scene, [H, W], in full scales of one view."""
-    white: F64 = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
-    return white
+    return np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
 
 
 def beyond_white(shot: Shot) -> Bool:
@@ -69,8 +68,7 @@ def beyond_white(shot: Shot) -> Bool:
     Hot pixels, lamps and glints do; if they are many, the masks or the unit are wrong.
     """
     most = (1 + EXCESS) * white_reading(shot)[..., None] + EXCESS
-    found: Bool = np.any(shot.measurement > most, axis=2)
-    return found
+    return np.any(shot.measurement > most, axis=2)
 
 
 def without_pixels(shot: Shot, pixels: Bool) -> Shot:

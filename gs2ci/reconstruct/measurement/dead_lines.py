@@ -49,8 +49,7 @@ def _stuck(measured: F32, judged: Bool, axis: int) -> Bool:
         return np.zeros(judged.shape[1 - axis], bool)
     asked = judged[..., None]
     least, most = np.where(asked, measured, np.inf).min(axis=axis), np.where(asked, measured, -np.inf).max(axis=axis)
-    found: Bool = np.all(least == most, axis=1) & (judged.sum(axis=axis) >= _FEWEST)
-    return found
+    return np.all(least == most, axis=1) & (judged.sum(axis=axis) >= _FEWEST)
 
 
 def _along_border(stuck: Bool) -> Bool:
@@ -59,5 +58,4 @@ def _along_border(stuck: Bool) -> Bool:
     if not len(live):
         return np.ones_like(stuck)
     index = np.arange(len(stuck))
-    outside: Bool = np.logical_or(index < live[0], index > live[-1])
-    return outside
+    return np.logical_or(index < live[0], index > live[-1])

@@ -277,10 +277,8 @@ def _whitening(picture: F64) -> F64:
 
 
 def _filtered(picture: F64, gain: F64) -> F64:
-    found: F64 = np.fft.ifft2(np.fft.fft2(picture) * gain).real
-    return found
+    return np.fft.ifft2(np.fft.fft2(picture) * gain).real
 
 
 def _smooth(picture: F64) -> F64:
-    found: F64 = cv2.GaussianBlur(picture, (0, 0), _SMOOTH_PX)
-    return found
+    return cv2.GaussianBlur(picture, (0, 0), _SMOOTH_PX)

@@ -105,8 +105,7 @@ class Holdout:
 
     def coded(self, views: F32) -> F32:
         """Return the measurement, [H, W, C], that views [N, H, W, C] would give."""
-        coded: F32 = Coding.of(self.shot).forward(torch.from_numpy(views)).numpy()
-        return coded
+        return Coding.of(self.shot).forward(torch.from_numpy(views)).numpy()
 
     def at_pixels(self, views: F32) -> F32:
         """Return the held-out pixels of views or masks, [N, H, W, ...], as [N, K, ...]."""
@@ -122,8 +121,7 @@ class Holdout:
         return self.shot.measurement[self.pixels].astype(np.float64) - self.coded_at_pixels(views)
 
     def _coded(self, at_pixels: F32) -> F64:
-        coded: F64 = self._coding.forward(torch.from_numpy(at_pixels[:, :, None]))[:, 0].double().numpy()
-        return coded
+        return self._coding.forward(torch.from_numpy(at_pixels[:, :, None]))[:, 0].double().numpy()
 
     def residual_rms(self, views: F32) -> float | None:
         """Return the residual of views [N, H, W, C] at the held-out pixels, in the measurement's unit.
@@ -146,8 +144,7 @@ class Holdout:
 
     def squared_residuals(self, views: F32) -> F64:
         """Return the mean squared residual of views [N, H, W, C] at each held-out pixel, [K] float64."""
-        squared: F64 = np.mean(self.residual_at_pixels(views) ** 2, axis=1)
-        return squared
+        return np.mean(self.residual_at_pixels(views) ** 2, axis=1)
 
     def grey_rms(self) -> float | None:
         """Return the residual of the best even grey (or colour) at the held-out pixels; None without any.

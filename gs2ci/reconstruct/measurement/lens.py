@@ -84,8 +84,7 @@ class Lens:
     @property
     def canvas_intrinsics(self) -> F64:
         """Get the camera matrix of the canvas, [3, 3]: the pinhole's, with pixels counted from the canvas's corner."""
-        moved: F64 = self.sampling.intrinsics_of_canvas(torch.from_numpy(self.intrinsics)).numpy()
-        return moved
+        return self.sampling.intrinsics_of_canvas(torch.from_numpy(self.intrinsics)).numpy()
 
     def straightened(self, views: F32) -> F32:
         """Resample the sensor's views, [N, H, W, C], to the canvas, [N, Hc, Wc, C]; unseen pixels repeat the border."""

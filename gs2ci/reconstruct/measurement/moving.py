@@ -51,8 +51,7 @@ class LeftByMotion:
     def pixels(self, size: tuple[int, int]) -> Bool:
         """Return the pixels, [H, W], of blocks with a significant motion."""
         moves = self.velocity_px.any(axis=-1)
-        found: Bool = np.repeat(np.repeat(moves, BLOCK_PX, axis=0), BLOCK_PX, axis=1)[: size[0], : size[1]]
-        return found
+        return np.repeat(np.repeat(moves, BLOCK_PX, axis=0), BLOCK_PX, axis=1)[: size[0], : size[1]]
 
 
 def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
@@ -99,5 +98,4 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
 def _invertible(moments: F64) -> F64:
     """Return second moments, [..., 2, 2], raised so far that each can be inverted."""
     least = np.maximum(_LEAST_SHARE * np.trace(moments, axis1=-2, axis2=-1), np.finfo(np.float64).tiny)
-    raised: F64 = moments + np.eye(2) * least[..., None, None]
-    return raised
+    return moments + np.eye(2) * least[..., None, None]

@@ -89,14 +89,12 @@ def errors_over_time(holdout: Holdout, views: F32) -> F32:
         across, wrong = votes[rows].shape[1], one.wrong(inflated)
         votes[rows] += np.repeat(wrong, BLOCK_PX)[:across]
         power[rows] += np.repeat(np.where(wrong, one.sure_power(inflated), 0), BLOCK_PX)[:across].astype(np.float32)
-    found: F32 = np.where(votes >= _VOTES, power / np.maximum(votes, 1), 0)
-    return found
+    return np.where(votes >= _VOTES, power / np.maximum(votes, 1), 0)
 
 
 def errs_over_time(holdout: Holdout, views: F32) -> Bool:
     """Tell where views, [N, H, W, C], surely and visibly err over time, [H, W]."""
-    found: Bool = errors_over_time(holdout, views) > 0
-    return found
+    return errors_over_time(holdout, views) > 0
 
 
 def followed_by_other_alone(holdout: Holdout, views: F32, other: F32) -> F32:
@@ -115,15 +113,13 @@ def followed_by_other_alone(holdout: Holdout, views: F32, other: F32) -> F32:
         return np.zeros(wrong.shape, np.float32)
     size = 2 * _WIDENED_PX + 1
     widened = cv2.dilate(wrong.astype(np.float32), np.ones((size, size), np.uint8))
-    soft: F32 = cv2.GaussianBlur(widened, (0, 0), _SOFT_PX)
-    return soft
+    return cv2.GaussianBlur(widened, (0, 0), _SOFT_PX)
 
 
 def replaced(views: F32, other: F32, where: F32) -> F32:
     """Return views, [N, H, W, C], with others in their place by a share for each pixel, [H, W]."""
     share = where[None, :, :, None]
-    found: F32 = views + share * (other - views)
-    return found
+    return views + share * (other - views)
 
 
 def _of_whole_views(left: F32, coded: F32, asked: Bool) -> F32:
@@ -132,8 +128,7 @@ def _of_whole_views(left: F32, coded: F32, asked: Bool) -> F32:
     gram = light @ light.T
     gram += np.eye(len(gram)) * max(RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
     gains = np.linalg.solve(gram, light @ left[asked].astype(np.float64))
-    found: F32 = np.tensordot(gains.astype(np.float32), coded, axes=1)
-    return found
+    return np.tensordot(gains.astype(np.float32), coded, axes=1)
 
 
 @dataclass(frozen=True)
@@ -156,13 +151,11 @@ class _Tested:
 
     def wrong(self, inflated: float) -> Bool:
         """Tell in which blocks, [B], views are wrong, if ratios are so many times too large by chance."""
-        found: Bool = self.visible & (fdtrc(*self.freedom, self.ratio / inflated) < CHANCE)
-        return found
+        return self.visible & (fdtrc(*self.freedom, self.ratio / inflated) < CHANCE)
 
     def sure_power(self, inflated: float) -> F64:
         """Return the power of the offsets, [B], without what chance adds to it."""
-        found: F64 = self.power * (1 - np.minimum(1, inflated / np.maximum(self.ratio, np.finfo(np.float64).tiny)))
-        return found
+        return self.power * (1 - np.minimum(1, inflated / np.maximum(self.ratio, np.finfo(np.float64).tiny)))
 
 
 def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
@@ -202,11 +195,9 @@ def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
 def _frequencies(count: int) -> F64:
     """Return the lowest temporal frequencies of so many views but the constant one, orthonormal, [N, F]."""
     rows = np.arange(1, min(count - 1, _FREQUENCIES) + 1)
-    found: F64 = np.cos(np.pi * (np.arange(count)[:, None] + 0.5) * rows / count) * np.sqrt(2 / count)
-    return found
+    return np.cos(np.pi * (np.arange(count)[:, None] + 0.5) * rows / count) * np.sqrt(2 / count)
 
 
 def _blocks(pictures: F32) -> F64:
     """Cut a row of blocks out of pictures, [K, at most 16 rows, W], zero beyond them: [B, pixels of a block, K]."""
-    row: F64 = in_blocks(np.moveaxis(pictures, 0, -1))[0]
-    return row
+    return in_blocks(np.moveaxis(pictures, 0, -1))[0]

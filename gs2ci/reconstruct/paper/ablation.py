@@ -11,21 +11,17 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.paper.preset import MOST_GAUSSIANS
-from gs2ci.reconstruct.paper.withheld import Withheld
 from gs2ci.reconstruct.settings import Settings
 
 
-def _withheld(settings: Settings) -> Withheld:
-    return settings.withheld if isinstance(settings.withheld, Withheld) else Withheld()
-
-
 def _without_points(settings: Settings) -> Settings:
-    return replace(settings, withheld=replace(_withheld(settings), points=True))
+    return replace(settings, withheld=replace(settings.withheld or Withheld(), points=True))
 
 
 def _without_poses(settings: Settings) -> Settings:
-    return replace(settings, withheld=replace(_withheld(settings), poses=True))
+    return replace(settings, withheld=replace(settings.withheld or Withheld(), poses=True))
 
 
 def _without_opacity_split(settings: Settings) -> Settings:
@@ -34,7 +30,7 @@ def _without_opacity_split(settings: Settings) -> Settings:
 
 
 def _unsplit(density: DensityRule) -> DensityRule:
-    if not isinstance(density, Osgr):
+    if not isinstance(density, Osgr) or not density.opacity_splits:
         raise InputError(
             f"density rule {density.name!r} without its opacity splits", allowed="osgr, the rule that has them"
         )

@@ -38,9 +38,6 @@ from gs2ci.reconstruct.paper.priors2d.choose import load_prior
 from gs2ci.reconstruct.paper.pseudo_views import SupportSettings, support_weights, synthesised_poses
 from gs2ci.render.gaussians import Gaussians
 
-# Keeps the weighted mean defined if no pixel has any weight (ε of eq. 10); weights sum to thousands.
-_EPSILON = 1e-6
-
 
 @dataclass(frozen=True)
 class FineSettings(Bounded):
@@ -103,7 +100,15 @@ class FineSettings(Bounded):
 
     def load(self, loss: LossWeights, seed: int) -> "Fine":
         """Load what the settings name; see `LastStageSettings`."""
-        return Fine.load(self, loss, seed)
+        self.check()
+        prior = None if self.prior == "none" else load_prior(self.prior, seed)
+        distance = load_distance(self.distance)
+        notes = []
+        if self.prior == "difix-or-consistent" and known_model("difix") is None and prior is not None:
+            notes.append(finding(Code.STAND_IN, absent="DiFix3D+", instead=prior.name))
+        if self.distance == "lpips-or-structure" and known_model("lpips") is None:
+            notes.append(finding(Code.STAND_IN, absent="LPIPS", instead=distance.name))
+        return Fine(self, loss, prior, distance, tuple(notes))
 
     def with_models(self, prior: str | None, distance: str | None) -> "FineSettings":
         """Return the same with another prior or distance, by name; None: as it is."""
@@ -128,24 +133,6 @@ class Fine:
     distance: PerceptualDistance
     notes: tuple[Finding, ...] = ()
 
-    @classmethod
-    def load(cls, settings: FineSettings, loss: LossWeights, seed: int) -> "Fine":
-        """Load what the settings name, before any time is spent on the measurement.
-
-        Raises:
-            InputError: The settings make no sense, or a model file cannot be used.
-            StorageError: The list of added models cannot be read.
-        """
-        settings.check()
-        prior = None if settings.prior == "none" else load_prior(settings.prior, seed)
-        distance = load_distance(settings.distance)
-        notes = []
-        if settings.prior == "difix-or-consistent" and known_model("difix") is None and prior is not None:
-            notes.append(finding(Code.STAND_IN, absent="DiFix3D+", instead=prior.name))
-        if settings.distance == "lpips-or-structure" and known_model("lpips") is None:
-            notes.append(finding(Code.STAND_IN, absent="LPIPS", instead=distance.name))
-        return cls(settings, loss, prior, distance, tuple(notes))
-
     def fit(
         self,
         holdout: Holdout,
@@ -153,12 +140,64 @@ class Fine:
         renderer: ShotRenderer,
         seed: int,
         monitoring: Monitoring,
-        decode: Decode,
+        decode: Decode = nothing,
         detailed: Decode | None = None,
         score: Score | None = None,
     ) -> CoarseFit:
-        """Refine the Gaussians of a coarse fit; see `fit_fine`."""
-        return fit_fine(holdout, coarse, renderer, self, seed, monitoring, decode, detailed, score)
+        """Refine the Gaussians of a coarse fit with fixed cameras.
+
+        Args:
+            holdout: The measurement (its truth is not read), and its pixels that the loss may not see.
+            coarse: The fit to continue.
+            renderer: Renders for this shot.
+            seed: For the order of the pseudo-views.
+            monitoring: What is called at looks and iterations, and what may interrupt.
+            decode: Its result is added to the scene's views at looks, as before delivery.
+            detailed: Decodes the residual for priors that use it; None: `decode` does.
+            score: Turns refined views into a figure for the curve; it may know the truth.
+
+        Returns:
+            The state with the smallest held-out residual; the coarse fit if no state is better, if no pixel is held
+            out, or if the prior or the distance fails. A note says which.
+        """
+        settings = self.settings.check()
+        progress = monitoring.progress
+        coded = holdout.coded(coarse.views)
+        before = holdout.residual_rms_of(coded, decode(coded))
+        if before is None and settings.gated:
+            return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
+        try:
+            pseudo_loss = _pseudo_loss(coarse, coded, renderer, self, detailed or decode)
+        except Gs2ciError as error:
+            return _unchanged(coarse, error.problem, progress)
+        fit = _Fit(holdout, coarse, renderer, pseudo_loss, self, seed)
+        looks = Looks(monitoring.since_s)
+
+        def look(iteration: int, loss: float) -> float | None:
+            # Numbered after those of the coarse stage.
+            at = iteration + (coarse.curve[-1].iteration if coarse.curve else 0)
+            judged = LookedAt(holdout, decode, fit.coded(), fit.views, score)
+            return looks.take([judged], at, loss, len(fit.optimiser.scene))
+
+        best, after = fit.iterate(before, look, monitoring)
+        curve = (*coarse.curve, *looks.curve)
+        if best is None:
+            kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
+            return replace(kept, curve=curve)
+        named = "without a prior" if self.prior is None else f"prior: {self.prior.name}"
+        if before is not None and after is not None and settings.gated:
+            note = finding(Code.FINE_HELPED, with_prior=named, before=before, after=after)
+        else:
+            note = finding(Code.FINE_UNJUDGED, with_prior=named)
+        for said in (*self.notes, note):
+            progress.say(said.sentence)
+        return replace(
+            coarse,
+            scene=best,
+            views=renderer.exposed(best, fit.poses),
+            curve=curve,
+            notes=(*coarse.notes, *self.notes, note),
+        )
 
 
 @dataclass(frozen=True)
@@ -176,98 +215,25 @@ class Pseudo:
     alphas: Tensor
 
 
+@dataclass(frozen=True)
 class PseudoLoss:
     """λ_l1 Σ W |X − X̂| / Σ W + λ_per D_per(X, X̂) of one pseudo-view (eq. 10)."""
 
-    def __init__(self, pseudo: Pseudo, settings: FineSettings, distance: PerceptualDistance) -> None:
-        self._pseudo = pseudo
-        self._settings = settings
-        self._distance = distance
-
-    def __len__(self) -> int:
-        return len(self._pseudo.poses)
-
-    @property
-    def poses(self) -> Tensor:
-        """Get the poses of the pseudo-views, [V, 4, 4] float32."""
-        return self._pseudo.poses
+    pseudo: Pseudo
+    settings: FineSettings
+    distance: PerceptualDistance
 
     def __call__(self, view: int, image: Tensor, alpha: Tensor) -> Tensor:
         """Return the loss of a rendered view, [H, W, 3] with alpha [H, W], as a differentiable scalar."""
-        target = self._pseudo.targets[view]
-        weights = support_weights(self._pseudo.alphas[view], alpha, self._settings.support)
+        target = self.pseudo.targets[view]
+        weights = support_weights(self.pseudo.alphas[view], alpha, self.settings.support)
         error = (image - target).abs().mean(dim=2)
-        photometric = (weights * error).sum() / (weights.sum() + _EPSILON)
-        loss = self._settings.l1 * photometric
-        if self._settings.perceptual:
-            loss = loss + self._settings.perceptual * self._distance(image, target)
+        # ε of eq. 10 keeps the mean defined if no pixel has any weight; weights sum to thousands.
+        photometric = (weights * error).sum() / (weights.sum() + 1e-6)
+        loss = self.settings.l1 * photometric
+        if self.settings.perceptual:
+            loss = loss + self.settings.perceptual * self.distance(image, target)
         return loss
-
-
-def fit_fine(
-    holdout: Holdout,
-    coarse: CoarseFit,
-    renderer: ShotRenderer,
-    fine: Fine,
-    seed: int,
-    monitoring: Monitoring,
-    decode: Decode = nothing,
-    detailed: Decode | None = None,
-    score: Score | None = None,
-) -> CoarseFit:
-    """Refine the Gaussians of a coarse fit with fixed cameras.
-
-    Args:
-        holdout: The measurement (its truth is not read), and its pixels that the loss may not see.
-        coarse: The fit to continue.
-        renderer: Renders for this shot.
-        fine: Settings and models.
-        seed: For the order of the pseudo-views.
-        monitoring: What is called at looks and iterations, and what may interrupt.
-        decode: Its result is added to the scene's views at looks, as before delivery.
-        detailed: Decodes the residual for priors that use it; None: `decode` does.
-        score: Turns refined views into a figure for the curve; it may know the truth.
-
-    Returns:
-        The state with the smallest held-out residual; the coarse fit if no state is better, if no pixel is held out, or
-        if the prior or the distance fails. A note says which.
-    """
-    settings = fine.settings.check()
-    progress = monitoring.progress
-    coded = holdout.coded(coarse.views)
-    before = holdout.residual_rms_of(coded, decode(coded))
-    if before is None and settings.gated:
-        return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
-    try:
-        pseudo_loss = _pseudo_loss(coarse, coded, renderer, fine, detailed or decode)
-    except Gs2ciError as error:
-        return _unchanged(coarse, error.problem, progress)
-    fit = _Fit(holdout, coarse, renderer, pseudo_loss, fine, seed)
-    looks = Looks(monitoring.since_s)
-
-    def seen() -> LookedAt:
-        return LookedAt(holdout, decode, fit.coded(), fit.views, score)
-
-    loop = _Loop(fit, looks, seen, monitoring, first=coarse.curve[-1].iteration if coarse.curve else 0)
-    after = loop.run(before)
-    curve = (*coarse.curve, *looks.curve)
-    if loop.best is None:
-        kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
-        return replace(kept, curve=curve)
-    named = "without a prior" if fine.prior is None else f"prior: {fine.prior.name}"
-    if before is not None and after is not None and settings.gated:
-        note = finding(Code.FINE_HELPED, with_prior=named, before=before, after=after)
-    else:
-        note = finding(Code.FINE_UNJUDGED, with_prior=named)
-    for said in (*fine.notes, note):
-        progress.say(said.sentence)
-    return replace(
-        coarse,
-        scene=loop.best,
-        views=renderer.exposed(loop.best, fit.poses),
-        curve=curve,
-        notes=(*coarse.notes, *fine.notes, note),
-    )
 
 
 def _pseudo_loss(
@@ -356,19 +322,22 @@ class _Fit:
         self._reuse = renderer.reuse()  # this stage neither adds nor removes Gaussians
         self._pseudo_loss = pseudo_loss
         self._data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, fine.loss, renderer.exposure)
-        views = 0 if pseudo_loss is None else len(pseudo_loss)
+        views = 0 if pseudo_loss is None else len(pseudo_loss.pseudo.poses)
         self._order = _rounds(views, torch.Generator().manual_seed(seed))
 
     def backward(self) -> float:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
-        loss = self._data_term(self._renderer.measurement(scene, self.poses, self._reuse))
+        predicted, pull = self._renderer.measurement_with_pull(scene, self.poses, self._reuse)
+        value, gradient = self._data_term.value_and_gradient(np.asarray(predicted))
+        pull(gradient)
         if self._pseudo_loss is not None:
             view = next(self._order)
-            images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
-            loss = loss + self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])
-        loss.backward()  # type: ignore[no-untyped-call]
-        return float(loss.detach()) + float(add_regularisers(scene, self._loss))
+            images, alphas = self._renderer.images(scene, self._pseudo_loss.pseudo.poses[view : view + 1])
+            loss = self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])
+            loss.backward()  # type: ignore[no-untyped-call]
+            value += float(loss.detach())
+        return value + float(add_regularisers(scene, self._loss))
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""
@@ -382,59 +351,51 @@ class _Fit:
 
     def coded(self) -> F32:
         """Render the measurement as the scene predicts it, [H, W, C]."""
-        with torch.no_grad():
-            return self._renderer.measurement(self.optimiser.scene, self.poses).numpy()
+        return self._renderer.measurement(self.optimiser.scene, self.poses).numpy()
 
     def views(self) -> F32:
         """Render the scene as each mask saw it."""
         return self._renderer.exposed(self.optimiser.scene, self.poses)
 
-    def snapshot(self) -> Gaussians:
-        """Copy the present Gaussians."""
-        return self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
+    def iterate(
+        self, before: float | None, look: Callable[[int, float], float | None], monitoring: Monitoring
+    ) -> tuple[Gaussians | None, float | None]:
+        """Step, look and stop.
+
+        Args:
+            before: The held-out residual at the start.
+            look: Takes a look after so many iterations with such a loss, and returns the held-out residual.
+            monitoring: What is called at iterations, and what may interrupt.
+
+        Returns:
+            The best Gaussians, None if none were better than at the start, and the smallest held-out residual.
+        """
+        settings, progress = self.settings, monitoring.progress
+        watch = Watch(settings.hold_out)
+        found: Gaussians | None = None
+        best = before if settings.gated else None
+        if best is not None:
+            watch.note(best, 0)
+        progress.stage("fine fit", settings.iterations)
+        for iteration in range(1, settings.iterations + 1):
+            loss = self.backward()
+            if not self.is_finite(loss):
+                break
+            # Steps grow from small to full: Adam's first ones would be of full size whatever the gradient.
+            warm = min(1.0, iteration / settings.hold_out.look_every)
+            self.step(iteration / settings.iterations, settings.damping * warm)
+            halted = monitoring.halt.asked
+            if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
+                residual = look(iteration, loss)
+                if watch.note(residual if settings.gated else None, iteration):
+                    best, found = residual, self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
+                if halted or watch.stalled(iteration):
+                    break
+            progress.step(iteration, loss=loss)
+        return found, best
 
 
 def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
     """Yield each of `count` views once in random order, repeatedly."""
     while True:
         yield from torch.randperm(count, generator=generator).tolist()
-
-
-class _Loop:
-    """The iterations, numbered after those of the coarse stage: step, look, stop."""
-
-    def __init__(
-        self, fit: _Fit, looks: Looks, seen: Callable[[], LookedAt], monitoring: Monitoring, first: int
-    ) -> None:
-        self.best: Gaussians | None = None
-        self._fit = fit
-        self._looks, self._seen = looks, seen
-        self._progress, self._halt = monitoring.progress, monitoring.halt
-        self._first = first
-
-    def run(self, before: float | None) -> float | None:
-        """Iterate until the stage ends; return the smallest held-out residual, `before` if none was smaller."""
-        settings = self._fit.settings
-        watch = Watch(settings.hold_out)
-        best = before if settings.gated else None
-        if best is not None:
-            watch.note(best, 0)
-        self._progress.stage("fine fit", settings.iterations)
-        for iteration in range(1, settings.iterations + 1):
-            loss = self._fit.backward()
-            if not self._fit.is_finite(loss):
-                break
-            # Steps grow from small to full: Adam's first ones would be of full size whatever the gradient.
-            warm = min(1.0, iteration / settings.hold_out.look_every)
-            self._fit.step(iteration / settings.iterations, settings.damping * warm)
-            halted = self._halt.asked
-            if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
-                gaussians = len(self._fit.optimiser.scene)
-                at = self._first + iteration
-                residual = self._looks.take([self._seen()], at, loss, gaussians)
-                if watch.note(residual if settings.gated else None, iteration):
-                    best, self.best = residual, self._fit.snapshot()
-                if halted or watch.stalled(iteration):
-                    break
-            self._progress.step(iteration, loss=loss)
-        return best

@@ -39,11 +39,6 @@ _FILE: Final = "vggt:"
 _OR_TRACKS: Final = "vggt-or-tracks"
 Step = Literal["after adjustment", "before adjustment"]
 
-# Retries try so many times the corners, weaker and closer together.
-_MORE_CORNERS: Final = 3
-_WEAKER: Final = 0.2
-_CLOSER: Final = 0.6
-
 
 def prior_by_name(name: str) -> GeometryPrior | None:
     """Return the prior of a name: "vggt", the model added under it; "vggt:FILE"; "vggt-or-tracks"; None: no such name.
@@ -87,24 +82,24 @@ class FromVggt:
         said: list[str] = []
         first: tuple[Prediction, Focal] | None = None
         tracks: dict[bool, Tracks] = {}
-        for order in orders(len(request.views)):
-            retry = order.name != "in order"
+        for number, (order, views) in enumerate(orders(len(request.views))):
+            retry = number > 0
             wanted = replace(request, settings=_more_tracks(request.settings)) if retry else request
             if retry not in tracks:
                 tracks[retry] = usable_tracks(wanted.views, wanted.settings, wanted.seen)
             if doubts_about_tracks(tracks[retry], wanted.size, wanted.settings.criteria) and first is not None:
-                said.append(f"{order.name}: too few tracks")
+                said.append(f"{order}: too few tracks")
                 continue
             try:
                 prediction = check_prediction(
-                    self._model.predict(request.views, order.views), len(request.views) // 2, request.settings.criteria
+                    self._model.predict(request.views, views), len(request.views) // 2, request.settings.criteria
                 )
             except (NumericsError, GeometryError) as error:
-                said.append(f"{order.name}: {error.problem}")
+                said.append(f"{order}: {error.problem}")
                 continue
             camera = gated_camera(request, prediction, tracks[retry])
             first = first or (prediction, camera)
-            found = _supported(wanted, tracks[retry], prediction, camera, order.name, said, progress)
+            found = _supported(wanted, tracks[retry], prediction, camera, order, said, progress)
             if found is not None:
                 return found
         if first is None:
@@ -112,22 +107,17 @@ class FromVggt:
         return _dense(request, *first, tracks[False], said)
 
 
-@dataclass(frozen=True)
-class Order:
-    """An order in which views are given to the model, whose first view defines its world frame."""
+def orders(count: int) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield the orders in which views are given to the model, by name, the same for every scene.
 
-    name: str
-    views: tuple[int, ...]
-
-
-def orders(count: int) -> Iterator[Order]:
-    """Yield the orders that are tried, the same for every scene."""
+    The first view of an order defines the model's world frame.
+    """
     forwards = tuple(range(count))
-    yield Order("in order", forwards)
+    yield "in order", forwards
     if count > 1:
-        yield Order("backwards", forwards[::-1])
-        yield Order("from the middle", forwards[count // 2 :] + forwards[: count // 2])
-        yield Order("every other first", forwards[::2] + forwards[1::2])
+        yield "backwards", forwards[::-1]
+        yield "from the middle", forwards[count // 2 :] + forwards[: count // 2]
+        yield "every other first", forwards[::2] + forwards[1::2]
 
 
 def check_prediction(prediction: Prediction, reference: int, criteria: Criteria) -> Prediction:
@@ -314,16 +304,10 @@ def _dense_error_px(
 
 
 def _more_tracks(settings: GeometrySettings) -> GeometrySettings:
+    """Return settings for a retry: three times the corners, weaker and closer together."""
     wanted = settings.tracks
-    return replace(
-        settings,
-        tracks=replace(
-            wanted,
-            corners=_MORE_CORNERS * wanted.corners,
-            quality=_WEAKER * wanted.quality,
-            spacing_px=_CLOSER * wanted.spacing_px,
-        ),
-    )
+    corners, quality, spacing_px = 3 * wanted.corners, 0.2 * wanted.quality, 0.6 * wanted.spacing_px
+    return replace(settings, tracks=replace(wanted, corners=corners, quality=quality, spacing_px=spacing_px))
 
 
 def _factor(a: float, b: float) -> float:

@@ -34,21 +34,15 @@ class PerceptualDistance(Protocol):
 class StructuralDissimilarity:
     """1 − SSIM, averaged over an image and its halvings: the substitute if no learned distance is available.
 
-    Args:
-        scales: How many sizes, the full one included; fewer if a side would fall below one pixel.
+    Over three sizes, the full one included; fewer if a side would fall below one pixel.
     """
 
-    scales: int = 3
     name: str = "structural dissimilarity"
-
-    def __post_init__(self) -> None:
-        if self.scales < 1:
-            raise InputError(f"{self.scales} scales of a dissimilarity", allowed="1 or more")
 
     def __call__(self, image: Tensor, target: Tensor) -> Tensor:
         """Compare; arguments as for `PerceptualDistance`."""
         distances = []
-        for _ in range(self.scales):
+        for _ in range(3):
             distances.append(_Dissimilarity.apply(image, target))  # type: ignore[no-untyped-call]
             if min(image.shape[:2]) < 2:
                 break

@@ -9,7 +9,7 @@ pixel off. Here: these together. Not here: the covariance (`information`), that 
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.uncertainty import factors
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen
 from gs2ci.reconstruct.uncertainty.poses import relief, travel_across
 from gs2ci.reconstruct.uncertainty.slopes import slopes
@@ -30,7 +30,7 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
     there = depth > 0
     if not there.any():
         return np.zeros_like(depth)
-    variance = (1.0 if given else factors.DEPTH_BY_POSES**2) * _by_poses(known, given=given)
+    variance = (1.0 if given else factors.depth_by_poses**2) * _by_poses(known, given=given)
     middle, found = float(np.median(depth[there])), np.zeros_like(depth)
     shift = 0.0 if given else relief(travel_across(seen.world_to_camera, middle), seen.focal_px)
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
@@ -39,13 +39,13 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
         ray_ends = np.concatenate([seen.rays, np.ones_like(seen.rays[..., :1])], axis=-1) * _ahead(own)[..., None]
         moved = movement(seen.world_to_camera, seen.focal_px, view, ray_ends)
         jump = np.hypot(*slopes(np.log(np.where(there[view], own, np.nan))))
-        jump = np.minimum(np.nan_to_num(jump, nan=factors.MOST_OF_JUMP), factors.MOST_OF_JUMP)
+        jump = np.minimum(np.nan_to_num(jump, nan=factors.most_of_jump), factors.most_of_jump)
         off_middle = np.abs(own / middle - 1)
-        by_path = np.hypot(factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + off_middle), shift * off_middle)
-        by_light = np.hypot(factors.DEPTH_BY_SPREAD * spread[view], factors.DEPTH_BY_JUMP * jump)
+        by_path = np.hypot(factors.depth_by_path * path_error * (factors.at_middle + off_middle), shift * off_middle)
+        by_light = np.hypot(factors.depth_by_spread * spread[view], factors.depth_by_jump * jump)
         by_poses = np.where(cells >= 0, variance[cells], variance[-1])
-        relative = np.sqrt(by_poses + (factors.PLACE_PX / moved) ** 2 + by_light**2 + by_path**2)
-        found[view] = np.where(there[view], np.minimum(relative, factors.MOST_OF_DEPTH) * own, 0)
+        relative = np.sqrt(by_poses + (factors.place_px / moved) ** 2 + by_light**2 + by_path**2)
+        found[view] = np.where(there[view], np.minimum(relative, 1) * own, 0)
     return found
 
 
@@ -79,7 +79,7 @@ def movement(world_to_camera: F64, focal_px: F64, view: int, points: F64) -> F64
         total += places
         squares += np.square(places).sum(axis=-1)
     moved: F64 = np.sqrt(np.maximum(squares - np.square(total).sum(axis=-1) / len(relative), 0))
-    return np.maximum(moved, factors.PLACE_PX)
+    return np.maximum(moved, factors.place_px)
 
 
 def _by_poses(known: Information, *, given: bool) -> F64:
@@ -88,4 +88,4 @@ def _by_poses(known: Information, *, given: bool) -> F64:
     if len(follow) and not given:
         share = np.bincount(cells[cells >= 0].ravel(), minlength=len(follow)).astype(np.float64)
         follow = follow - share @ follow / share.sum()
-    return np.append(np.square(follow).sum(axis=1), factors.UNKNOWN_DEPTH**2)
+    return np.append(np.square(follow).sum(axis=1), factors.unknown_depth**2)

@@ -15,8 +15,8 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.surfaces import pixel_rays
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
-from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.depths import errors_of_depths
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, flows_between, information
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses
 from gs2ci.reconstruct.uncertainty.views import ViewsMade, errors_alike, errors_of_views
@@ -65,7 +65,7 @@ class PathKnown:
         """Get the expected error as a share of the path's extent."""
         if self.given is not None and self.extent > 0:
             return self.given[0] / self.extent
-        return factors.PATH_NOT_JUDGED if self.expected_error is None else self.expected_error
+        return factors.path_not_judged if self.expected_error is None else self.expected_error
 
 
 def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
@@ -82,7 +82,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         rays=pixel_rays(of.renderer),
         world_to_camera=of.world_to_camera,
         focal_px=of.renderer.intrinsics.double().numpy().diagonal()[:2],
-        transmissions=(of.holdout.shot.masks * of.holdout.shot.weights[:, None, None]).astype(np.float32),
+        transmissions=of.holdout.shot.transmissions.astype(np.float32),
         noise=noise_of_readings(of.holdout, of.views.scene),
     )
     views = errors_of_views(of.holdout, of.views, errors_alike(flows_between(seen)), seen.noise)
@@ -90,7 +90,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         return Uncertainty(views)
     given = path.given is not None
     if given:  # so that the readings do not seem to make given poses surer than they do
-        seen = replace(seen, noise=seen.noise * np.float32(factors.POSITION**2))
+        seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
     known = information(seen, path.reference, path.given)
     there = depth[depth > 0]
     middle = float(np.median(there)) if there.size else 1.0

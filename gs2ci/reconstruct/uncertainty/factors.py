@@ -2,67 +2,98 @@
 
 All were fixed on the draws 6200 and 6201 of `python -m tests.benchmarks reliability`, so that about seven errors of ten
 lie within one standard error and nineteen of twenty within two, and are judged on its other draws
-(docs/decisions/uncertainty.md); but for `RELIEF_PX`, which was found on 6200 and chosen with 6300 and 6301 in sight.
+(docs/decisions/uncertainty.md); but for `relief_px`, which was found on 6200 and chosen with 6300 and 6301 in sight.
 Errors have longer tails than a normal distribution, nearly those of Laplace's.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
-# --- views
 
-LEVEL: Final = 2.1
-"""The power of a view's error, as a multiple of the geometric mean of the power that the readings seen and those held
-out leave per unit of light. A fit has followed some of the noise in the one, and errs by it in the other."""
-UNSEEN: Final = 2.5
-"""The power left at held-out readings, as a multiple of that at the others, where none was held out."""
-NOISE_ORDER: Final = 3
-"""Where the residual is all noise, the views err by less: 1 − (share of noise)³ of the power is theirs. The share is
-that of the median residual, which counts some of what scenes lack as noise, so that only large shares tell."""
-LEAST_OF_LEVEL: Final = 0.1
-"""However much of the residual is noise, views err by some of it."""
-PATTERN_OF_RESIDUAL: Final = 0.32
-PATTERN_OF_DETAIL: Final = 0.20
-PATTERN_OF_DECODE: Final = 0.13
-PATTERN_OF_FITS: Final = 0.35
-"""What tells where views err, in parts of their power: the residual about a pixel; steep places, where a small
-displacement shows; differences between the views and the decode; and, where there are several, between fits."""
-OWN_READING: Final = 0.6
-"""The share of what a reading could take away at most from a view's error along its masks that it does take away."""
-ALIKE_PX: Final = 1.0
-"""Errors are attached to surfaces: at one pixel, those of two views between which the picture moves by much more than
-this, px, are independent, and otherwise the same."""
+@dataclass(frozen=True)
+class Factors:
+    """A calibration.
 
-# --- depths and poses
+    Args of views:
+        level: The power of a view's error, as a multiple of the geometric mean of the power that the readings seen and
+            those held out leave per unit of light. A fit has followed some of the noise in the one, and errs by it in
+            the other.
+        unseen: The power left at held-out readings, as a multiple of that at the others, where none was held out.
+        noise_order: Where the residual is all noise, the views err by less: 1 − (share of noise)³ of the power is
+            theirs. The share is that of the median residual, which counts some of what scenes lack as noise, so that
+            only large shares tell.
+        least_of_level: However much of the residual is noise, views err by some of it.
+        pattern_of_residual: What tells where views err, in parts of their power: the residual about a pixel,
+        pattern_of_detail: steep places, where a small displacement shows,
+        pattern_of_decode: differences between the views and the decode,
+        pattern_of_fits: and, where there are several, between fits.
+        neighbourhood_px: Residuals, and the masks' light, are averaged over so many pixels (standard deviation).
+        least_light: A pixel of less light than this share of an open mask tells nothing by itself.
+        little_light: What its own reading takes away counts in full from this share on.
+        own_reading: The share of what a reading could take away at most from a view's error along its masks that it
+            does take away.
+        unknown_view: If no reading is usable, nothing is known: the standard deviation of a brightness anywhere from 0
+            to 1 is 0.29.
+        alike_px: Errors are attached to surfaces: at one pixel, those of two views between which the picture moves by
+            much more than this, px, are independent, and otherwise the same.
 
-POSITION: Final = 3.45
-"""Errors of positions that tracks or fits found, in those by Gauss-Newton, whose readings are taken to err
-independently: what a scene lacks is alike at neighbouring pixels and in all views. Beside the errors of given poses,
-readings tell by so much less."""
-TURN: Final = 3.84
-TURN_PER_TRAVEL: Final = 0.38
-"""The same for turns; and the share of the angle that travel moves the scene by, which turns may take its place."""
-RELIEF_PX: Final = 0.5
-"""A turn in step with the travel and a shift of all inverse depths leave the picture as it is (bas-relief): readings do
-not see a turn that moves it by this, px, from the middle of the path to an end. It shifts inverse depths by as much as
-that part of the travel moves the middle depth."""
-DEPTH_BY_POSES: Final = 2.05
-"""The same for the part of depths' errors that is due to the path."""
-DEPTH_BY_SPREAD: Final = 0.56
-"""The error of a depth per spread along the ray of the light that it is the median of."""
-PLACE_PX: Final = 0.25
-"""The error of a point's place in each view, px, as it makes a depth err: a point that moves little through the views,
-as one far down a corridor, has an uncertain depth."""
-DEPTH_BY_JUMP: Final = 0.91
-MOST_OF_JUMP: Final = 0.3
-"""The same per relative jump of depth from pixel to pixel: an error of a pixel's breadth in where an edge lies."""
-DEPTH_BY_PATH: Final = 4.0
-AT_MIDDLE: Final = 0.3
-"""The same per expected error of the path: all inverse depths shift together, which moves those far from the middle
-depth by |z/z_middle − 1|, and some stays at the middle."""
-PATH_NOT_JUDGED: Final = 0.02
-"""The expected error of a path, as a share of its extent, if no halves of tracks judged it: a uniform motion has few
-numbers that could be wrong."""
-MOST_OF_DEPTH: Final = 1.0
-"""No depth is stated to err by more than itself."""
-UNKNOWN_DEPTH: Final = 0.5
-"""The relative standard error of a depth that no view shows."""
+    Args of depths and poses:
+        position: Errors of positions that tracks or fits found, in those by Gauss-Newton, whose readings are taken to
+            err independently: what a scene lacks is alike at neighbouring pixels and in all views. Beside the errors of
+            given poses, readings tell by so much less.
+        turn: The same for turns,
+        turn_per_travel: and the share of the angle that travel moves the scene by, which turns may take its place.
+        turn_counts: In the alignment of two paths, positions decide; orientations only about what they leave open, as
+            the roll about a straight path. A turn of 1 rad counts as an error of a position by this share of the path.
+        turn_prior: No camera turns by more than about so many radians against what is known beforehand.
+        relief_px: A turn in step with the travel and a shift of all inverse depths leave the picture as it is
+            (bas-relief): readings do not see a turn that moves it by this, px, from the middle of the path to an end.
+            It shifts inverse depths by as much as that part of the travel moves the middle depth.
+        depth_by_poses: As `position`, for the part of depths' errors that is due to the path.
+        depth_by_spread: The error of a depth per spread along the ray of the light that it is the median of.
+        place_px: The error of a point's place in each view, px, as it makes a depth err: a point that moves little
+            through the views, as one far down a corridor, has an uncertain depth.
+        depth_by_jump: The error of a depth per relative jump of depth from pixel to pixel: an error of a pixel's
+            breadth in where an edge lies.
+        most_of_jump: Larger jumps count as this.
+        depth_by_path: The error of a depth per expected error of the path: all inverse depths shift together, which
+            moves those far from the middle depth by |z/z_middle − 1|,
+        at_middle: and some stays at the middle.
+        path_not_judged: The expected error of a path, as a share of its extent, if no halves of tracks judged it: a
+            uniform motion has few numbers that could be wrong.
+        unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any.
+    """
+
+    level: float = 2.1
+    unseen: float = 2.5
+    noise_order: int = 3
+    least_of_level: float = 0.1
+    pattern_of_residual: float = 0.32
+    pattern_of_detail: float = 0.20
+    pattern_of_decode: float = 0.13
+    pattern_of_fits: float = 0.35
+    neighbourhood_px: float = 2.0
+    least_light: float = 0.05
+    little_light: float = 0.2
+    own_reading: float = 0.6
+    unknown_view: float = 0.3
+    alike_px: float = 1.0
+
+    position: float = 3.45
+    turn: float = 3.84
+    turn_per_travel: float = 0.38
+    turn_counts: float = 0.02
+    turn_prior: float = 0.1
+    relief_px: float = 0.5
+    depth_by_poses: float = 2.05
+    depth_by_spread: float = 0.56
+    place_px: float = 0.25
+    depth_by_jump: float = 0.91
+    most_of_jump: float = 0.3
+    depth_by_path: float = 4.0
+    at_middle: float = 0.3
+    path_not_judged: float = 0.02
+    unknown_depth: float = 0.5
+
+
+factors: Final = Factors()

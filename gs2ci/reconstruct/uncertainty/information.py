@@ -21,8 +21,9 @@ from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_matrix, csr_matrix
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, in_camera, in_world, path_extent
 from gs2ci.reconstruct.fit.optimiser.poses import LEAST_EXTENT
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 Numbers = NDArray[np.int64]
@@ -35,9 +36,8 @@ _MOST_READINGS: Final = 3_000
 _SMOOTH_PX: Final = 0.7
 _LEAST_SIDE_PX: Final = 3.0
 # What is known beforehand: no depth of a scene errs by more than about half of it, no camera by more than the path is
-# long, nor by more than a tenth of a radian. Only directions that no reading shows at all meet these bounds.
-_DEPTH_PRIOR: Final = 0.5
-_TURN_PRIOR: Final = 0.1
+# long, nor by more than a tenth of a radian (`factors`); the reference does not err at all, or by so much of that. Only
+# directions that no reading shows at all meet these bounds.
 _HELD: Final = 1e-3
 # Points behind a camera's plane are put just before it.
 _AHEAD: Final = 1e-9
@@ -96,19 +96,18 @@ def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] 
     cells, number = _cells(seen, reference)
     rows, share = _lattice(height, width, _MOST_READINGS)
     by_pose, by_depth = _derivatives(seen, reference, cells, number, rows)
-    centres = camera_centres(seen.world_to_camera)
-    extent = max(float(np.linalg.norm(np.ptp(centres, axis=0))), LEAST_EXTENT * _middle_depth(seen))
-    position, turn = (extent, _TURN_PRIOR) if errors is None else errors
+    extent = max(path_extent(seen.world_to_camera), LEAST_EXTENT * _middle_depth(seen))
+    position, turn = (extent, factors.turn_prior) if errors is None else errors
     prior = np.tile([position] * 3 + [turn] * 3, count)
     # The reference camera does not move: the world is its own.
     prior[6 * reference : 6 * reference + 6] *= _HELD
     # In units of what is known beforehand, so that the matrices are well conditioned.
-    of_depths = share * _DEPTH_PRIOR**2 * (by_depth.T @ by_depth).toarray() + np.eye(number)
-    between = share * _DEPTH_PRIOR * (by_depth.T @ by_pose) * prior
+    of_depths = share * factors.unknown_depth**2 * (by_depth.T @ by_depth).toarray() + np.eye(number)
+    between = share * factors.unknown_depth * (by_depth.T @ by_pose) * prior
     follow = cho_solve(cho_factor(of_depths), between)
     of_poses = share * (by_pose.T @ by_pose) * np.outer(prior, prior) + np.eye(len(prior)) - between.T @ follow
     scaled = np.linalg.inv(of_poses)
-    by_poses = _DEPTH_PRIOR * follow @ np.linalg.cholesky((scaled + scaled.T) / 2)
+    by_poses = factors.unknown_depth * follow @ np.linalg.cholesky((scaled + scaled.T) / 2)
     return Information(scaled * np.outer(prior, prior), by_poses, cells)
 
 
@@ -125,18 +124,11 @@ def _lattice(height: int, width: int, most: int) -> tuple[Numbers, float]:
     return chosen, height * width / chosen.size
 
 
-def _in_camera(points: F64, pose: F64) -> F64:
-    moved: F64 = points @ pose[:3, :3].T + pose[:3, 3]
-    return moved
-
-
 def _in_world(seen: ReadingsSeen, view: int) -> F64:
     """Return the points that a view's pixels show, [H, W, 3]."""
     depth = seen.depth[view].astype(np.float64)[..., None]
     there = np.concatenate([seen.rays * depth, depth], axis=-1)
-    pose = seen.world_to_camera[view]
-    found: F64 = (there - pose[:3, 3]) @ pose[:3, :3]
-    return found
+    return in_world(there, seen.world_to_camera[view])
 
 
 def flows_between(seen: ReadingsSeen) -> F64:
@@ -152,7 +144,7 @@ def flows_between(seen: ReadingsSeen) -> F64:
         points = _in_world(replace(seen, depth=depth), view).reshape(-1, 3)[chosen]
         here = seen.rays.reshape(-1, 2)[chosen]
         for other in range(count):
-            there = _in_camera(points, seen.world_to_camera[other])
+            there = in_camera(points, seen.world_to_camera[other])
             slope = there[:, :2] / np.maximum(there[:, 2:], _AHEAD)
             found[view, other] = np.square((slope - here) * seen.focal_px).sum(axis=1)
     return found
@@ -167,7 +159,7 @@ def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
     columns, rows = (int(2 * np.ceil(value)) + 3 for value in reach)
     found = np.full(seen.depth.shape, -1, np.int64)
     for view in range(count):
-        there = _in_camera(_in_world(seen, view), seen.world_to_camera[reference])
+        there = in_camera(_in_world(seen, view), seen.world_to_camera[reference])
         usable = (seen.depth[view] > 0) & (there[..., 2] > 0)
         ahead = np.where(usable, there[..., 2], 1.0)
         places = np.where(usable[..., None], there[..., :2], 0.0) / ahead[..., None] * seen.focal_px / side
@@ -237,7 +229,7 @@ def _moves(seen: ReadingsSeen, reference: int, view: int, chosen: Numbers) -> tu
     along = points - camera_centres(seen.world_to_camera[reference : reference + 1])[0]
     flows, moves, sees = [], [], []
     for other in range(count):
-        there = _in_camera(points, seen.world_to_camera[other])
+        there = in_camera(points, seen.world_to_camera[other])
         flow = _flow(there, seen.focal_px)
         flows.append(flow)
         moves.append(np.einsum("pij,pj->pi", flow[:, :, :3], along @ seen.world_to_camera[other, :3, :3].T))

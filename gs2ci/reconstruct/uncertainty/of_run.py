@@ -5,9 +5,7 @@ Here: which parts of a run are asked. Not here: any standard error (`estimate`).
 
 from dataclasses import replace
 
-import numpy as np
-
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import path_extent
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
@@ -55,7 +53,6 @@ def _path(geometry: Geometry, ensemble: Ensemble) -> PathKnown | None:
     """Return what is known of the path; None if there is none, or the camera is known to have been at rest."""
     if not geometry.has_path or geometry.known_at_rest:
         return None
-    extent = float(np.linalg.norm(np.ptp(camera_centres(ensemble.best.world_to_camera), axis=0)))
-    errors, unit = geometry.pose_errors, geometry.unit or 1.0
+    errors, unit, extent = geometry.pose_errors, geometry.unit or 1.0, path_extent(ensemble.best.world_to_camera)
     given = None if errors is None else (errors.position * unit, errors.rotation)
     return PathKnown(geometry.reference, geometry.path_error_expected, given, extent)

@@ -9,11 +9,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
-from gs2ci.reconstruct.uncertainty import factors
-
-# In the alignment of two paths, positions decide; orientations only about what they leave open, as the roll about a
-# straight path. A turn of 1 rad counts as an error of a position by this share of the path.
-_TURN_COUNTS = 0.02
+from gs2ci.reconstruct.uncertainty.factors import factors
 
 
 def travel_across(world_to_camera: F64, middle_depth: float) -> F64:
@@ -39,7 +35,7 @@ def relief(across: F64, focal_px: F64) -> float:
         focal_px: Focal lengths, [2].
     """
     seen_px = float(across.max() * focal_px.mean())
-    return factors.RELIEF_PX / max(seen_px, factors.RELIEF_PX)
+    return factors.relief_px / max(seen_px, factors.relief_px)
 
 
 def errors_of_poses(
@@ -64,8 +60,8 @@ def errors_of_poses(
     if given:
         return position, rotation
     across = travel_across(world_to_camera, middle_depth)
-    per_travel = np.hypot(factors.TURN_PER_TRAVEL, relief(across, focal_px))
-    return factors.POSITION * position, np.hypot(factors.TURN * rotation, per_travel * across)
+    per_travel = np.hypot(factors.turn_per_travel, relief(across, focal_px))
+    return factors.position * position, np.hypot(factors.turn * rotation, per_travel * across)
 
 
 def _squares(matrix: F64) -> F64:
@@ -84,9 +80,9 @@ def _aligned(world_to_camera: F64, moved: F64) -> F64:
         place, turn = slice(6 * view, 6 * view + 3), slice(6 * view + 3, 6 * view + 6)
         errors[place, place] = -world_to_camera[view, :3, :3].T
         errors[turn, turn] = world_to_camera[view, :3, :3].T
-        gauge[place] = np.hstack([np.eye(3), -_cross(moved[view]), moved[view][:, None]])
+        gauge[place] = np.hstack([np.eye(3), -np.cross(np.eye(3), moved[view]), moved[view][:, None]])
         gauge[turn, 3:6] = -np.eye(3)
-        weights[turn] = _TURN_COUNTS * extent
+        weights[turn] = factors.turn_counts * extent
     weighted = gauge * weights[:, None]
     return errors - gauge @ (np.linalg.pinv(weighted) * weights) @ errors
 
@@ -94,14 +90,7 @@ def _aligned(world_to_camera: F64, moved: F64) -> F64:
 def _turns_apart(world_to_camera: F64) -> F64:
     """Return the map from twists to turns beyond the mean turn, [3 N, 6 N]."""
     count = len(world_to_camera)
-    found = np.zeros((3 * count, 6 * count))
-    for view in range(count):
-        for other in range(count):
-            turned = (float(view == other) - 1 / count) * world_to_camera[other, :3, :3].T
-            found[3 * view : 3 * view + 3, 6 * other + 3 : 6 * other + 6] = turned
-    return found
-
-
-def _cross(vector: F64) -> F64:
-    x, y, z = vector
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    found = np.zeros((count, 3, count, 6))
+    apart = np.eye(count) - 1 / count
+    found[..., 3:] = apart[:, None, :, None] * world_to_camera[:, :3, :3].transpose(2, 0, 1)
+    return found.reshape(3 * count, 6 * count)

@@ -13,16 +13,8 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.uncertainty import factors
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.slopes import slopes
-
-# Residuals, and the masks' light, are averaged over so many pixels (standard deviation).
-_NEIGHBOURHOOD_PX = 2.0
-# A pixel of less light than this share of an open mask tells nothing by itself.
-_LEAST_LIGHT = 0.05
-_LITTLE_LIGHT = 0.2
-# If no reading is usable, nothing is known: the standard deviation of a brightness anywhere from 0 to 1 is 0.29.
-_UNKNOWN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +44,22 @@ def errors_of_views(holdout: Holdout, views: ViewsMade, alike: F64, noise: F32) 
         noise: Power of the readings' noise by what the scene leaves of them, [H, W, C] (`measurement.noise`).
     """
     shot = holdout.shot
-    transmissions = shot.masks * shot.weights[:, None, None]
+    transmissions = shot.transmissions
     reached = np.tensordot(alike.astype(np.float32), transmissions, axes=1)
     light = np.einsum("nhw,nhw->hw", transmissions, reached, dtype=np.float64)
     usable = shot.usable & ~holdout.pixels
     if not usable.any() or light[usable].mean() <= 0:
-        return np.full(transmissions.shape, _UNKNOWN, np.float32)
+        return np.full(transmissions.shape, factors.unknown_view, np.float32)
     residual = shot.measurement - holdout.coded(views.scene)
     power = np.mean(residual.astype(np.float64) ** 2, axis=-1)
     level = _level(holdout, views, light, power, noise)
     full = float(transmissions.max()) ** 2
     pattern = _pattern(views, np.where(usable, power, 0.0), np.where(usable, light, 0.0), full)
     # What the pixel's reading takes away along its masks.
-    divided = np.maximum(light, _LITTLE_LIGHT * full)
+    divided = np.maximum(light, factors.little_light * full)
     for shown, there in zip(pattern, reached, strict=True):
         known = np.clip(there**2 / divided, 0, 1)
-        shown[:] = np.sqrt(level * shown * (1 - factors.OWN_READING * known))
+        shown[:] = np.sqrt(level * shown * (1 - factors.own_reading * known))
     return pattern
 
 
@@ -78,7 +70,7 @@ def errors_alike(flow_px2: F64) -> F64:
         flow_px2: How far the picture moves from one view to the other, squared, [N, N, P] at P places.
     """
     both = (flow_px2 + flow_px2.transpose(1, 0, 2)) / 2
-    found: F64 = np.exp(-both / (2 * factors.ALIKE_PX**2)).mean(axis=2)
+    found: F64 = np.exp(-both / (2 * factors.alike_px**2)).mean(axis=2)
     return found
 
 
@@ -87,28 +79,30 @@ def _level(holdout: Holdout, views: ViewsMade, light: F64, power: F64, noise: F3
     usable = holdout.shot.usable & ~holdout.pixels
     per_light = float(light[usable].mean())
     seen = float(power[usable].mean()) / per_light
-    unseen = factors.UNSEEN * seen
+    unseen = factors.unseen * seen
     if holdout.pixels.any() and (there := float(light[holdout.pixels].mean())) > 0:
         unseen = float(holdout.squared_residuals(views.scene).mean()) / there
     if seen <= 0:
         return 0.0
     share = float(noise[usable].mean(dtype=np.float64)) / per_light / seen
-    rest = 1 - min(1.0, share) ** factors.NOISE_ORDER
-    return float(factors.LEVEL * np.sqrt(seen * unseen) * max(rest, factors.LEAST_OF_LEVEL))
+    rest = 1 - min(1.0, share) ** factors.noise_order
+    return float(factors.level * np.sqrt(seen * unseen) * max(rest, factors.least_of_level))
 
 
 def _pattern(views: ViewsMade, power: F64, light: F64, full: float) -> F32:
     """Return where errors are, as shares of their mean power, [N, H, W]; `power` and `light` are 0 at unused pixels."""
-    about = _smooth(power, _NEIGHBOURHOOD_PX) / np.maximum(_smooth(light, _NEIGHBOURHOOD_PX), _LEAST_LIGHT * full)
+    about = _smooth(power, factors.neighbourhood_px) / np.maximum(
+        _smooth(light, factors.neighbourhood_px), factors.least_light * full
+    )
     down, across = slopes(_smooth(views.delivered.mean(axis=-1), 0.5))
     apart = np.stack([np.mean((a - b) ** 2, axis=-1) for a, b in zip(views.decoded, views.delivered, strict=True)])
     parts = [
-        (factors.PATTERN_OF_RESIDUAL, np.broadcast_to(about, views.delivered.shape[:3])),
-        (factors.PATTERN_OF_DETAIL, _smooth(down**2 + across**2, 1.2)),
-        (factors.PATTERN_OF_DECODE, _smooth(apart, 1.0)),
+        (factors.pattern_of_residual, np.broadcast_to(about, views.delivered.shape[:3])),
+        (factors.pattern_of_detail, _smooth(down**2 + across**2, 1.2)),
+        (factors.pattern_of_decode, _smooth(apart, 1.0)),
     ]
     if views.disagreement is not None:
-        parts.append((factors.PATTERN_OF_FITS, views.disagreement**2))
+        parts.append((factors.pattern_of_fits, views.disagreement**2))
     means = [float(values.mean(dtype=np.float64)) for _, values in parts]
     total = np.zeros(views.delivered.shape[:3], np.float32)
     for (part, values), mean in zip(parts, means, strict=True):

@@ -242,8 +242,7 @@ class CpuBackend:
         )
         job = Job(target, camera, self._settings.termination_transmittance, self._pool, screen, reuse)
         # Converted outside the function, so that float64 poses get float64 gradients.
-        outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
-        return outputs
+        return Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
 
     def _full_layout(self, shape: tuple[int, int, int], sampling: CanvasSampling | None) -> Layout:
         key = (*shape, sampling)

@@ -1,8 +1,9 @@
 """Kernels, one block of threads for each block of pixels: blending, its gradient, and the coded sum."""
 
 import warp as wp
+from warp import float32, int32, vec3, vec4
 
-from gs2ci.render.recording import TILED
+from gs2ci.render.recording import TILED, Floats, Fours, Ints
 from gs2ci.render.warp.types import ALPHA_MAX, LN_ALPHA_MIN, B, H, Held, Monomials, Record, Row, ln_alpha
 
 wp.set_module_options({"enable_backward": False})
@@ -10,17 +11,17 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel(module="unique", module_options=TILED)
 def blend(
-    first: wp.array(dtype=wp.int32),
-    begin: wp.array(dtype=wp.int32),
-    end: wp.array(dtype=wp.int32),
-    rows: wp.array(dtype=wp.int32),
-    owner: wp.array(dtype=wp.int32),
+    first: Ints,
+    begin: Ints,
+    end: Ints,
+    rows: Ints,
+    owner: Ints,
     records: wp.array(dtype=Record),
-    xs: wp.array(dtype=wp.float32),
-    ys: wp.array(dtype=wp.float32),
-    termination: wp.float32,
-    out: wp.array(dtype=wp.vec4),
-    last: wp.array(dtype=wp.int32),
+    xs: Floats,
+    ys: Floats,
+    termination: float32,
+    out: Fours,
+    last: Ints,
 ):
     """Blend a block's Gaussians front to back: colour and light left of each slot, and how many it has passed."""
     block, lane = wp.tid()
@@ -30,11 +31,11 @@ def blend(
     y = ys[slot]
     start = begin[block]
     count = end[block] - start
-    light = wp.float32(1.0)
-    colour = wp.vec3()
-    mine = wp.int32(0)
+    light = float32(1.0)
+    colour = vec3()
+    mine = int32(0)
     for batch in range(0, count, B):
-        index = wp.int32(-1)
+        index = int32(-1)
         if batch + lane < count:
             index = owner[rows[start + batch + lane]]
         shared = wp.tile_load_indexed(records, indices=wp.tile(index), shape=(B,), storage="shared")
@@ -44,28 +45,28 @@ def blend(
                 e = ln_alpha(record, x - record[0], y - record[1])
                 if e >= LN_ALPHA_MIN and light >= termination:
                     weight = wp.min(wp.exp(e), ALPHA_MAX) * light
-                    colour += weight * wp.vec3(record[6], record[7], record[8])
+                    colour += weight * vec3(record[6], record[7], record[8])
                     light = light - weight
                     mine = batch + j + 1
         brightest = wp.tile_max(wp.tile(light))
         if brightest[0] < termination:
             break
     if lane < present:
-        out[slot] = wp.vec4(colour[0], colour[1], colour[2], light)
+        out[slot] = vec4(colour[0], colour[1], colour[2], light)
         last[slot] = mine
 
 
 @wp.kernel
 def gather(
-    start: wp.array(dtype=wp.int32),
-    slots: wp.array(dtype=wp.int32),
-    weight: wp.array(dtype=wp.float32),
-    blended: wp.array(dtype=wp.vec4),
-    out: wp.array(dtype=wp.vec4),
+    start: Ints,
+    slots: Ints,
+    weight: Floats,
+    blended: Fours,
+    out: Fours,
 ):
     """Sum the weighted colours of an output's slots in the order of views, and the light that they let pass."""
     into = wp.tid()
-    total = wp.vec4()
+    total = vec4()
     for k in range(start[into], start[into + 1]):
         slot = slots[k]
         total += weight[slot] * blended[slot]
@@ -74,19 +75,19 @@ def gather(
 
 @wp.kernel(module="unique", module_options=TILED)
 def blend_backward(
-    first: wp.array(dtype=wp.int32),
-    begin: wp.array(dtype=wp.int32),
-    end: wp.array(dtype=wp.int32),
-    rows: wp.array(dtype=wp.int32),
-    owner: wp.array(dtype=wp.int32),
+    first: Ints,
+    begin: Ints,
+    end: Ints,
+    rows: Ints,
+    owner: Ints,
     records: wp.array(dtype=Record),
-    xs: wp.array(dtype=wp.float32),
-    ys: wp.array(dtype=wp.float32),
-    out: wp.array(dtype=wp.vec4),
-    last: wp.array(dtype=wp.int32),
-    into: wp.array(dtype=wp.int32),
-    weight: wp.array(dtype=wp.float32),
-    gradient: wp.array(dtype=wp.vec4),
+    xs: Floats,
+    ys: Floats,
+    out: Fours,
+    last: Ints,
+    into: Ints,
+    weight: Floats,
+    gradient: Fours,
     sums: wp.array(dtype=Row),
 ):
     """Differentiate back to front, `HELD` Gaussians at a time.
@@ -102,13 +103,13 @@ def blend_backward(
     # Moments are taken about the block's first pixel, then moved to each Gaussian.
     px = xs[first[block]]
     py = ys[first[block]]
-    v = wp.vec3()
-    behind = wp.float32(0.0)
-    mine = wp.int32(0)
+    v = vec3()
+    behind = float32(0.0)
+    mine = int32(0)
     light = out[slot][3]
     if lane < present:
         pulled = weight[slot] * gradient[into[slot]]
-        v = wp.vec3(pulled[0], pulled[1], pulled[2])
+        v = vec3(pulled[0], pulled[1], pulled[2])
         behind = pulled[3]
         mine = last[slot]
     qx = x - px
@@ -124,7 +125,7 @@ def blend_backward(
         sums[rows[at]] = Row()
     for back in range(batches):
         batch = (batches - 1 - back) * B
-        index = wp.int32(-1)
+        index = int32(-1)
         if batch + lane < count:
             index = owner[rows[start + batch + lane]]
         shared = wp.tile_load_indexed(records, indices=wp.tile(index), shape=(B,), storage="shared")
@@ -142,7 +143,7 @@ def blend_backward(
                         alpha = wp.min(raw, ALPHA_MAX)
                         light = light / (1.0 - alpha)
                         w = alpha * light
-                        more = wp.dot(wp.vec3(record[6], record[7], record[8]), v) - behind
+                        more = wp.dot(vec3(record[6], record[7], record[8]), v) - behind
                         behind += alpha * more
                         ws[j] = w
                         if raw < ALPHA_MAX:

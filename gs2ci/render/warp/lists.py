@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import warp as wp
+from warp import int32
 
+from gs2ci.render.recording import Floats, Ints
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.types import TiledCamera
 
@@ -20,19 +22,19 @@ def emit(
     gaussians: int,
     camera: TiledCamera,
     boxes: wp.array(dtype=wp.vec4i),
-    depths: wp.array(dtype=wp.float32),
-    starts: wp.array(dtype=wp.int32),
-    blocks_before: wp.array(dtype=wp.int32),
+    depths: Floats,
+    starts: Ints,
+    blocks_before: Ints,
     keys: wp.array(dtype=wp.int64),
-    rows: wp.array(dtype=wp.int32),
-    owner: wp.array(dtype=wp.int32),
+    rows: Ints,
+    owner: Ints,
 ):
     """Write a key for each block that a Gaussian of a view may touch; each has a row of its own for its gradient."""
     at = wp.tid()
     box = boxes[at]
     base = (at // gaussians) * camera.tiles_x * camera.tiles_y
     row = starts[at]
-    bits = wp.int64(wp.cast(depths[at], wp.int32))
+    bits = wp.int64(wp.cast(depths[at], int32))
     for ty in range(box[2], box[3] + 1):
         tile = base + ty * camera.tiles_x
         for block in range(blocks_before[tile + box[0]], blocks_before[tile + box[1] + 1]):
@@ -43,16 +45,14 @@ def emit(
 
 
 @wp.kernel
-def find_ranges(
-    keys: wp.array(dtype=wp.int64), total: int, begin: wp.array(dtype=wp.int32), end: wp.array(dtype=wp.int32)
-):
+def find_ranges(keys: wp.array(dtype=wp.int64), total: int, begin: Ints, end: Ints):
     """Find where each block's list begins and ends among the sorted keys."""
     i = wp.tid()
-    block = wp.int32(keys[i] >> wp.int64(32))
+    block = int32(keys[i] >> wp.int64(32))
     if i == 0:
         begin[block] = 0
     else:
-        before = wp.int32(keys[i - 1] >> wp.int64(32))
+        before = int32(keys[i - 1] >> wp.int64(32))
         if before != block:
             begin[block] = i
             end[before] = i
@@ -108,7 +108,7 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
     """
     coding: OpenBlocks = projected.key.coding
     device, pairs = coding.device, len(projected.counts) - 1
-    starts = wp.empty(pairs + 1, dtype=wp.int32, device=device) if room is None else room.starts
+    starts = wp.empty(pairs + 1, dtype=int32, device=device) if room is None else room.starts
     with wp.ScopedDevice(device):  # Warp scans and sorts on the device that is current, wherever arrays lie
         wp.utils.array_scan(projected.counts, starts, inclusive=False)
     total = int(starts[-1:].numpy()[0])
@@ -120,8 +120,8 @@ def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: 
         size = max(1, int(total * (1 + spare)))
         # The sort works in arrays of twice the length; what is freed goes back to the driver, which takes long.
         keys = wp.empty(2 * size, dtype=wp.int64, device=device)
-        rows, owner = (wp.empty(times * size, dtype=wp.int32, device=device) for times in (2, 1))
-        begin, end = (wp.zeros(coding.blocks, dtype=wp.int32, device=device) for _ in range(2))
+        rows, owner = (wp.empty(times * size, dtype=int32, device=device) for times in (2, 1))
+        begin, end = (wp.zeros(coding.blocks, dtype=int32, device=device) for _ in range(2))
         lists = BlockLists(total, starts, keys, rows, owner, begin, end)
     if total:
         _fill(lists, projected, coding)

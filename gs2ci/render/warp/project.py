@@ -1,8 +1,9 @@
 """Kernels, one thread for each Gaussian: projection into every view, and the gradient of that."""
 
 import warp as wp
+from warp import float32, float64, int32, vec3, vec4
 
-from gs2ci.render.recording import TILED
+from gs2ci.render.recording import TILED, Floats, Fours, Ints, Vectors
 from gs2ci.render.warp.types import (
     DILATION,
     INERT,
@@ -26,21 +27,21 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def project(
-    means: wp.array(dtype=wp.vec3),
+    means: Vectors,
     mean_stride: int,
-    log_scales: wp.array(dtype=wp.vec3),
-    quaternions: wp.array(dtype=wp.vec4),
-    logits: wp.array(dtype=wp.float32),
-    colours: wp.array(dtype=wp.vec3),
+    log_scales: Vectors,
+    quaternions: Fours,
+    logits: Floats,
+    colours: Vectors,
     colour_stride: int,
     poses: wp.array(dtype=Pose),
     camera: TiledCamera,
-    margin: wp.float32,
-    blocks_before: wp.array(dtype=wp.int32),
+    margin: float32,
+    blocks_before: Ints,
     records: wp.array(dtype=Record),
     boxes: wp.array(dtype=wp.vec4i),
-    depths: wp.array(dtype=wp.float32),
-    counts: wp.array(dtype=wp.int32),
+    depths: Floats,
+    counts: Ints,
 ):
     """Make the record of each Gaussian in each view, and count the blocks in whose lists it belongs."""
     view, g = wp.tid()
@@ -51,7 +52,7 @@ def project(
     s = see(poses[view], camera, means[view * mean_stride + g], factor)
     inverse_opacity = 1.0 + wp.exp(-logits[g])
     log_opacity = -wp.log(inverse_opacity)
-    n = wp.int32(0)
+    n = int32(0)
     box = wp.vec4i(0, -1, 0, -1)
     record = Record()
     record[5] = INERT
@@ -88,23 +89,23 @@ def project(
 
 @wp.kernel
 def project_backward(
-    means: wp.array(dtype=wp.vec3),
+    means: Vectors,
     mean_stride: int,
-    log_scales: wp.array(dtype=wp.vec3),
-    quaternions: wp.array(dtype=wp.vec4),
-    logits: wp.array(dtype=wp.float32),
+    log_scales: Vectors,
+    quaternions: Fours,
+    logits: Floats,
     colour_stride: int,
     poses: wp.array(dtype=Pose),
     camera: TiledCamera,
-    starts: wp.array(dtype=wp.int32),
+    starts: Ints,
     sums: wp.array(dtype=Row),
-    d_means: wp.array(dtype=wp.vec3),
-    d_log_scales: wp.array(dtype=wp.vec3),
-    d_quaternions: wp.array(dtype=wp.vec4),
-    d_logits: wp.array(dtype=wp.float32),
-    d_colours: wp.array(dtype=wp.vec3),
-    sightings: wp.array(dtype=wp.vec3),
-    pose_parts: wp.array(dtype=wp.float32),
+    d_means: Vectors,
+    d_log_scales: Vectors,
+    d_quaternions: Fours,
+    d_logits: Floats,
+    d_colours: Vectors,
+    sightings: Vectors,
+    pose_parts: Floats,
 ):
     """Carry a Gaussian's sums, view after view, to its parameters and to each pose."""
     g = wp.tid()
@@ -117,22 +118,22 @@ def project_backward(
     log_opacity = -wp.log(inverse_opacity)
     transparency = 1.0 / (1.0 + wp.exp(logits[g]))
     d_factor = wp.mat33()
-    d_mean = wp.vec3()
-    d_colour = wp.vec3()
-    d_logit = wp.float32(0.0)
-    seen = wp.vec3()
+    d_mean = vec3()
+    d_colour = vec3()
+    d_logit = float32(0.0)
+    seen = vec3()
     for view in range(poses.shape[0]):
         at = view * count + g
         total = Row()
         for row in range(starts[at], starts[at + 1]):
             total += sums[row]
-        own_colour = wp.vec3(total[6], total[7], total[8])
+        own_colour = vec3(total[6], total[7], total[8])
         part = PosePart()
-        point = wp.vec3()
+        point = vec3()
         pose = poses[view]
         mean = means[view * mean_stride + g]
         s = see(pose, camera, mean, factor)
-        if is_drawn(s, inverse_opacity) and touches(footprint(s, log_opacity, camera, wp.float32(0.0)), camera):
+        if is_drawn(s, inverse_opacity) and touches(footprint(s, log_opacity, camera, float32(0.0)), camera):
             d_logit += total[0] * transparency
             dx = s.inverse_x_given_y * total[1]
             dy = s.shear * dx + s.inverse_y * total[2]
@@ -159,7 +160,7 @@ def project_backward(
             of_jx = camera.fx * (wp.dot(g_a, w0) - s.u_clamped * d_jxz)
             of_jy = camera.fy * (wp.dot(g_b, w1) - s.v_clamped * d_jyz)
             d_inverse_z = of_jx + of_jy + d_u * s.p[0] + d_v * s.p[1]
-            point = wp.vec3(d_u * s.inverse_z, d_v * s.inverse_z, -(d_inverse_z * s.inverse_z * s.inverse_z))
+            point = vec3(d_u * s.inverse_z, d_v * s.inverse_z, -(d_inverse_z * s.inverse_z * s.inverse_z))
             r0 = mean * point[0] + g_a * s.jx
             r1 = mean * point[1] + g_b * s.jy
             r2 = mean * point[2] + g_a * jxz + g_b * jyz
@@ -168,7 +169,7 @@ def project_backward(
             sy = dy * 0.5 * camera.height
             half = 0.5 * (s.cxx - s.cyy)
             radius = 3.0 * wp.sqrt(0.5 * (s.cxx + s.cyy) + wp.sqrt(half * half + s.cxy * s.cxy))
-            seen = wp.vec3(seen[0] + wp.sqrt(sx * sx + sy * sy), seen[1] + 1.0, wp.max(seen[2], radius))
+            seen = vec3(seen[0] + wp.sqrt(sx * sx + sy * sy), seen[1] + 1.0, wp.max(seen[2], radius))
             point = w0 * point[0] + w1 * point[1] + w2 * point[2]
         for k in range(12):
             pose_parts[at * 12 + k] = part[k]
@@ -185,7 +186,7 @@ def project_backward(
     d_logits[g] = d_logit
     sightings[g] = seen
     d_r = d_factor * wp.diag(scale)
-    d_scale = wp.vec3()
+    d_scale = vec3()
     for k in range(3):
         along = d_factor[0, k] * r[0, k] + d_factor[1, k] * r[1, k] + d_factor[2, k] * r[2, k]
         if log_scales[g][k] <= LOG_SCALE_MAX:
@@ -201,26 +202,26 @@ def project_backward(
     a01 = d_r[1, 0] - d_r[0, 1]
     a02 = d_r[0, 2] - d_r[2, 0]
     a12 = d_r[2, 1] - d_r[1, 2]
-    dq = 2.0 * wp.vec4(
+    dq = 2.0 * vec4(
         x * a12 + y * a02 + z * a01,
         w * a12 + y * s01 + z * s02 - 2.0 * x * (d_r[1, 1] + d_r[2, 2]),
         w * a02 + x * s01 + z * s12 - 2.0 * y * (d_r[0, 0] + d_r[2, 2]),
         w * a01 + x * s02 + y * s12 - 2.0 * z * (d_r[0, 0] + d_r[1, 1]),
     )
-    unit = wp.vec4(w, x, y, z)
+    unit = vec4(w, x, y, z)
     d_quaternions[g] = (dq - unit * wp.dot(unit, dq)) * inverse_norm
 
 
 @wp.kernel(module="unique", module_options=TILED)
-def sum_poses(pose_parts: wp.array(dtype=wp.float32), gaussians: int, out: wp.array(dtype=wp.float32)):
+def sum_poses(pose_parts: Floats, gaussians: int, out: Floats):
     """Sum one entry of one pose's gradient over all Gaussians, in float64 and always in the same order."""
     which, lane = wp.tid()
     view = which // 12
     entry = which - view * 12
-    total = wp.float64(0.0)
+    total = float64(0.0)
     for g in range(lane, gaussians, wp.block_dim()):
-        total += wp.float64(pose_parts[(view * gaussians + g) * 12 + entry])
+        total += float64(pose_parts[(view * gaussians + g) * 12 + entry])
     both = wp.tile_sum(wp.tile(total))
     all_of_it = both[0]
     if lane == 0:
-        out[view * 16 + entry] = wp.float32(all_of_it)
+        out[view * 16 + entry] = float32(all_of_it)

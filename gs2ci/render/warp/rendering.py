@@ -139,8 +139,7 @@ class Blended(torch.autograd.Function):
         """Render; `parameters` in the order of `SceneInputs`, `job` makes the rendering and takes its sightings."""
         ctx.job, ctx.rendering = job, job.render(SceneInputs.of(*parameters))
         ctx.save_for_backward(*parameters)
-        outputs: Tensor = ctx.rendering.gathered()
-        return outputs
+        return ctx.rendering.gathered()
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:

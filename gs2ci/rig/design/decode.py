@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.uncertainty.factors import ALIKE_PX
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.rig.design.place import REPRESENTED, Place, Readings, Texture
 
 KEPT: Final = 0.2
@@ -44,7 +44,7 @@ def _error(flows: F64, of: Readings, prior: Texture, brightness: float, spectrum
     apart_px = np.linalg.norm(flows[:, None] - flows[None], axis=-1)
     # Views that hardly move differ little.
     differing = prior.variance * float(1 - (prior.alike**apart_px).mean())
-    alike = float(np.exp(-(apart_px**2) / (2 * ALIKE_PX**2)).mean())
+    alike = float(np.exp(-(apart_px**2) / (2 * factors.alike_px**2)).mean())
     charge_e = count * share * brightness * of.full_scale_e
     lacking = (REPRESENTED * of.element) ** 2 * ((count * share) ** 2 * alike + count * share * (1 - share))
     noise = (charge_e + of.dark_e2) / of.full_scale_e**2 + lacking
@@ -58,5 +58,4 @@ def _error(flows: F64, of: Readings, prior: Texture, brightness: float, spectrum
 def _spectrum(alike: float) -> F64:
     """Return the power of a texture of variance 1 at each frequency of a square."""
     far = np.minimum(np.arange(_SIDE_PX), _SIDE_PX - np.arange(_SIDE_PX))
-    found: F64 = np.maximum(np.fft.fft2(alike ** (far[:, None] + far)).real, _LEAST)
-    return found
+    return np.maximum(np.fft.fft2(alike ** (far[:, None] + far)).real, _LEAST)

@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_matrix, csr_matrix
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.uncertainty.factors import ALIKE_PX
+from gs2ci.reconstruct.uncertainty.factors import factors
 
 Numbers = NDArray[np.int64]
 
@@ -192,7 +192,7 @@ class _Seen:
             values.append(_read(picture, at))
             slopes.append(-(_read(across, at) * right + _read(down, at) * below))
         apart = np.square(place.flows[:, None] - place.flows[None]).sum(axis=-1)
-        return cls(looks, np.array(values), np.array(slopes), np.exp(-apart / (2 * ALIKE_PX**2)))
+        return cls(looks, np.array(values), np.array(slopes), np.exp(-apart / (2 * factors.alike_px**2)))
 
     def add(self, information: F64, light: F64, of: Readings) -> float:
         """Add what one exposure's readings tell to a normal matrix; return the share of them that is clipped.
@@ -266,8 +266,7 @@ def _slopes(picture: F64) -> tuple[F64, F64]:
 
 
 def _read(image: F64, at: tuple[F64, F64]) -> F64:
-    found: F64 = map_coordinates(image, at, order=1, mode="nearest")
-    return found
+    return map_coordinates(image, at, order=1, mode="nearest")
 
 
 def _precision(grid: tuple[int, int], prior: Texture) -> F64:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:  # scenes need torch, which a bench's computer need not have
     from gs2ci_sims.spectrum import MovingSpectrum
 
 
-@enum.unique
 class LightStage(enum.Enum):
     """The place in the light path where an effect acts, and the signal there."""
 

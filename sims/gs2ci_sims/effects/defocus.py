@@ -48,7 +48,7 @@ class Defocus(EffectRecord):
         """Get the disc's diameter for depths z in scene units; 0 where nothing is."""
         safe = np.where(np.isfinite(depth) & (depth > 0), depth, self.focus_depth)
         diameter = focal_px * self.aperture * np.abs(1 / safe - 1 / self.focus_depth)
-        return np.asarray(np.minimum(diameter, DIAMETER_MAX_PX))
+        return np.minimum(diameter, DIAMETER_MAX_PX)
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change of the previewed views by the disc that changes each pixel most; of other light, the spectrum."""
@@ -119,7 +119,7 @@ def _depths(scene: MotionPreview) -> tuple[float, float]:
 
 def _layer(diameter_px: F64) -> F64:
     """Return which layers discs lie between: none of less than a pixel, which change nothing, one for each step."""
-    return np.asarray(np.maximum(diameter_px - 1.0, 0.0) / LAYER_STEP_PX)
+    return np.maximum(diameter_px - 1.0, 0.0) / LAYER_STEP_PX
 
 
 def _kernel(layer: int) -> F64:
@@ -129,4 +129,4 @@ def _kernel(layer: int) -> F64:
 def _blurred(radiance: F64, layer: int) -> F64:
     """Blur radiance [H, W, C] by a layer's disc."""
     image = cv2.filter2D(radiance, cv2.CV_64F, _kernel(layer), borderType=cv2.BORDER_REFLECT)
-    return np.asarray(image.reshape(radiance.shape))
+    return image.reshape(radiance.shape)

@@ -45,7 +45,7 @@ class Dust(EffectRecord):
         particle, cone = disc(self.diameter_px), disc(self.cone_px)
         rim = cone.shape[0] // 2
         covered = cv2.filter2D(np.pad(area * particle, rim), cv2.CV_64F, cone, borderType=cv2.BORDER_CONSTANT)
-        return np.asarray(np.minimum(covered, 1.0))
+        return np.minimum(covered, 1.0)
 
     def transmission(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
         """Draw the transmission of the glass of a sensor of this size, [H, W] in [0, 1]."""
@@ -69,4 +69,4 @@ class Dust(EffectRecord):
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Shade photons [H, W, C]."""
-        return np.asarray(signal * self.transmission(signal.shape[:2], rng)[..., None])
+        return signal * self.transmission(signal.shape[:2], rng)[..., None]

@@ -49,9 +49,9 @@ class FiniteContrast(EffectRecord):
         pattern = gaussian_filter(rng.standard_normal(size), self.patch_px, mode="wrap")
         deviation = float(pattern.std())
         pattern = (pattern - pattern.mean()) / deviation if deviation > 0 else np.zeros(size)
-        return np.asarray(np.minimum(np.exp(self.spread * pattern) / self.contrast, 1.0))
+        return np.minimum(np.exp(self.spread * pattern) / self.contrast, 1.0)
 
     def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
         """Raise the off level of masks [N, H, W]."""
         leak = self.leakage((signal.shape[1], signal.shape[2]), rng)
-        return np.asarray(leak + (1 - leak) * signal.astype(np.float64))
+        return leak + (1 - leak) * signal.astype(np.float64)

@@ -97,7 +97,7 @@ class GainNonlinearity(EffectRecord):
     def _bent_dn(self, charge_e: F64, rig: RigFigures) -> F64:
         """Return the magnitude of the parabola at these charges, its top from half the well on."""
         x = np.minimum(charge_e / rig.sensor.full_well_e, 0.5)
-        return np.asarray(4 * abs(self.departure) * rig.dn_per_e * rig.sensor.full_well_e * x * (1 - x))
+        return 4 * abs(self.departure) * rig.dn_per_e * rig.sensor.full_well_e * x * (1 - x)
 
     def brightest(self, scene: ViewPreview) -> float:
         """The steepest slope: it is the factor by which a change of the light before the amplifier grows."""

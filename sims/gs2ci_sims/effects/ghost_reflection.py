@@ -53,4 +53,4 @@ class GhostReflection(EffectRecord):
         """Add the ghost to photons [H, W, C]; beyond the border the image is mirrored."""
         turned = np.ascontiguousarray(signal[::-1, ::-1])
         spread = cv2.filter2D(turned, cv2.CV_64F, disc(self.blur_px), borderType=cv2.BORDER_REFLECT)
-        return np.asarray(signal + self.share * spread.reshape(signal.shape))
+        return signal + self.share * spread.reshape(signal.shape)

@@ -26,7 +26,7 @@ def discrete_gaussian(sigma_px: float, reach: float) -> F64:
     """
     radius = gaussian_radius(sigma_px, reach)
     kernel = ive(np.arange(-radius, radius + 1), sigma_px**2)
-    return np.asarray(kernel / kernel.sum())
+    return kernel / kernel.sum()
 
 
 def gaussian_tail(sigma_px: float, reach: float) -> float:
@@ -54,7 +54,7 @@ def blurred_inside(image: F64, sigma_px: float, reach: float, margin: int) -> F6
     down, across = (_mirrored_weights(kernel, length, margin) for length in (height, width))
     rows = (down @ image.reshape(height, -1)).reshape(-1, width, channels)
     columns = across @ rows.swapaxes(0, 1).reshape(width, -1)
-    return np.asarray(columns.reshape(-1, len(rows), channels).swapaxes(0, 1))
+    return columns.reshape(-1, len(rows), channels).swapaxes(0, 1)
 
 
 def _mirrored_weights(kernel: F64, length: int, margin: int) -> sparse.csr_array:
@@ -76,7 +76,7 @@ def gaussian_loss(sigma_px: float, frequency: F64) -> F64:
 
 def shift_shares(frequency: F64, shift_px: float) -> F64:
     """Return by which share of its amplitude a shift of up to so many pixels changes a cosine (cycles per pixel)."""
-    return np.asarray(2 * np.sin(np.minimum(np.pi * frequency * shift_px, np.pi / 2)))
+    return 2 * np.sin(np.minimum(np.pi * frequency * shift_px, np.pi / 2))
 
 
 def disc(diameter_px: float) -> F64:
@@ -89,4 +89,4 @@ def disc(diameter_px: float) -> F64:
     inside = (np.square(place[:, None]) + np.square(place) <= np.square(0.5 * diameter_px)).astype(np.float64)
     blocks = inside.reshape(2 * radius + 1, DISC_OVERSAMPLING, 2 * radius + 1, DISC_OVERSAMPLING)
     kernel = blocks.mean(axis=(1, 3))
-    return np.asarray(kernel / kernel.sum())
+    return kernel / kernel.sum()

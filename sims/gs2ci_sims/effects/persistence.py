@@ -91,7 +91,7 @@ class Persistence(EffectRecord):
         """
         released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
         try:
-            return np.asarray(signal + np.broadcast_to(released_e, signal.shape))
+            return signal + np.broadcast_to(released_e, signal.shape)
         except ValueError as error:
             raise InputError(
                 f"persistence of an image of shape {list(released_e.shape)} on a signal of {list(signal.shape)}",

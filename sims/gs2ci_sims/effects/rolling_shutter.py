@@ -58,7 +58,7 @@ class RollingShutter(EffectRecord):
         """Return the share of each mask's light that each row misses, [N, H]."""
         start_s, stop_s = scene.intervals_s.T
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
-        return np.asarray(1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1]))
+        return 1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1])
 
     def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Add the shutter to the slices; row 0 is not affected.

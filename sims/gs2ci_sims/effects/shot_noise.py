@@ -90,4 +90,4 @@ def poisson_quantile(uniform: F64, mean: F64) -> F64:
         high = high[pdtr(flat[high] - 1, flat_mean[high]) >= flat_uniform[high]]
         flat[high] -= 1
         high = high[flat[high] > 0]
-    return np.asarray(flat.reshape(count.shape))
+    return flat.reshape(count.shape)

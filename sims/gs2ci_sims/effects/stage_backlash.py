@@ -67,7 +67,7 @@ class LaggingPath:
     def lag(self, time_s: F64) -> F64:
         """Get by how much the camera is beyond where it should be, along the first direction of motion, [T]."""
         times, lag, _ = self._followed
-        return np.asarray(np.interp(time_s, times, lag))
+        return np.interp(time_s, times, lag)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]."""

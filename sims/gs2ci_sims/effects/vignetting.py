@@ -33,7 +33,7 @@ class Vignetting(EffectRecord):
         rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
         square = np.square((columns - intrinsics[0, 2]) / intrinsics[0, 0])
         square += np.square((rows - intrinsics[1, 2]) / intrinsics[1, 1])
-        return np.asarray((1 + square) ** (-0.5 * self.exponent))
+        return (1 + square) ** (-0.5 * self.exponent)
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The share of its reading that each pixel loses, under whichever masks are the more open."""

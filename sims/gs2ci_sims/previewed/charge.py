@@ -34,7 +34,7 @@ class PreviewedCharge(PreviewedMotion):
         total = np.zeros((len(self.views), *self.scene.size))
         for mask, nearest in zip(self.shown, self._nearest, strict=True):
             total[nearest] += mask
-        return np.asarray(self.rig.full_scale_e * self.gain * np.einsum("khw,khwc->hwc", total, self.views))
+        return self.rig.full_scale_e * self.gain * np.einsum("khw,khwc->hwc", total, self.views)
 
     @cached_property
     def charge_error_e(self) -> float:
@@ -57,7 +57,7 @@ class PreviewedCharge(PreviewedMotion):
     def most_e(self) -> F64:
         """Get the charge that no pixel exceeds: as if all it saw were the brightest of the scene, [H, W, 1]."""
         open_sum = self.shown.sum(axis=0, dtype=np.float64)
-        return np.asarray(self.rig.full_scale_e * self.gain * self.scene.brightest * open_sum[..., None])
+        return self.rig.full_scale_e * self.gain * self.scene.brightest * open_sum[..., None]
 
     @cached_property
     def charge_rms_e(self) -> float:
@@ -109,7 +109,7 @@ class PreviewedCharge(PreviewedMotion):
 
         def beyond(charge_e: F64) -> F64:
             whole_e = charge_e / self._amplified + added_e
-            return np.asarray(np.maximum(before * most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
+            return np.maximum(before * most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0)
 
         root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e / before - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
         error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e / after

@@ -43,12 +43,12 @@ class PreviewedMotion(PreviewedViews):
     def motion_px(self) -> F64:
         """Get how far the image moves within each mask interval, at most over the frame, [N] pixels."""
         own = self.object_px_per_s * np.diff(self.intervals_s, axis=1)[:, 0]
-        return np.asarray(image_motion_px(self.scene, self.path, self.intervals_s) + own)
+        return image_motion_px(self.scene, self.path, self.intervals_s) + own
 
     def travel_px(self, times_s: F64) -> F64:
         """Get how far the image has moved, at most over the frame, since the first of the times, [T] pixels."""
         own = self.object_px_per_s * (times_s - times_s[0])
-        return np.asarray(image_travel_px(self.scene, self.path, times_s) + own)
+        return image_travel_px(self.scene, self.path, times_s) + own
 
     @cached_property
     def _whole_travel_px(self) -> float:
@@ -65,7 +65,7 @@ class PreviewedMotion(PreviewedViews):
     def _nearest(self) -> NDArray[np.intp]:
         """Which previewed view is nearest to the middle of each mask's interval, [N]."""
         away = np.abs(self.intervals_s.mean(axis=1)[:, None] - self.times_s)
-        return np.asarray(np.argmin(away, axis=1))
+        return np.argmin(away, axis=1)
 
     def _departures(self, intervals_s: F64) -> F64:
         """Bound the rms of D_n at any time within intervals [N, 2], [N] radiance; kept: most ask for the same."""
@@ -83,7 +83,7 @@ class PreviewedMotion(PreviewedViews):
         moved = self._excess_change * np.array([self._shifted_rms(float(px)) for px in away_px])
         # Two views of a moving image also differ by the rasteriser's grain in both.
         moved += np.where(away_px > 0, 2 * self.grain, 0.0)
-        return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
+        return np.minimum(moved + self._optics_rms, self.scene.brightest)
 
     def _away_px(self, intervals_s: F64) -> F64:
         """Return how far the image moves from the previewed views within intervals [N, 2], at most, [N] pixels."""
@@ -95,7 +95,7 @@ class PreviewedMotion(PreviewedViews):
             ],
             axis=0,
         )
-        return np.asarray(away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1))
+        return away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
 
     @cached_property
     def _optics_rms(self) -> float:

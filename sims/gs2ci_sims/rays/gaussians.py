@@ -106,7 +106,7 @@ def _rotations(quaternions: F64) -> F64:
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.asarray(np.array(rows).transpose(2, 0, 1))
+    return np.array(rows).transpose(2, 0, 1)
 
 
 @kernel(i64, i64, i64_1, i64_1, f64_3, f64_2, f64_1, f64_2, f64_2, f64_3, f64_2, f64_2, fastmath=EXACT)

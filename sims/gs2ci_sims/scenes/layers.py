@@ -184,7 +184,7 @@ def _reflected(front: Layer, at: Index, source: Index, jump: float) -> F64:
     my = np.clip(2 * sy - y + RIM_PX * np.sign(sy - y), 0, height - 1)
     mx = np.clip(2 * sx - x + RIM_PX * np.sign(sx - x), 0, width - 1)
     clean = np.abs(front.disparity[my, mx] - front.disparity[sy, sx]) <= 2 * jump
-    return np.asarray(np.where(clean[:, None], front.colour[my, mx], front.colour[sy, sx]))
+    return np.where(clean[:, None], front.colour[my, mx], front.colour[sy, sx])
 
 
 def _relax(disparity: F64, colour: F64, at: Index, source: Index, jump: float) -> None:

@@ -74,7 +74,7 @@ def rotation(angles: F64) -> F64:
     about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
     about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
     about_z = np.array([[cc, -sc, 0], [sc, cc, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
+    return about_z @ about_y @ about_x
 
 
 def textured(rng: np.random.Generator, rectangle: Rectangle, focal: float) -> Surfels:
@@ -122,7 +122,7 @@ def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64
     noise = texture(rng, shape, slope)
     noise -= noise.mean(axis=(0, 1))
     grey = noise.mean(axis=2, keepdims=True)
-    return np.asarray(2.0 * grey + 0.6 * (noise - grey))
+    return 2.0 * grey + 0.6 * (noise - grey)
 
 
 def receding(centre_xy: F64, half_xy: F64, near: float, far: float) -> list[Rectangle]:

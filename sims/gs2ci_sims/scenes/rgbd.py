@@ -6,7 +6,7 @@ the filling of holes and hidden surfaces (`layers`), the conversion of surfaces 
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from skimage import data
@@ -17,8 +17,6 @@ from gs2ci.core.records import check_intrinsics
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.layers import Layer, clean_rims, fill_holes, hidden_layer, without_flying_pixels
 from gs2ci_sims.scenes.surfels import Surfels, from_inverse_depth, gaussians_from_surfels, join
-
-Encoding = Literal["linear", "srgb"]
 
 # A step of one pixel of disparity between neighbours is a depth edge: the two separate by one pixel when the
 # camera moves by the whole stereo baseline.
@@ -70,7 +68,7 @@ class DisparityPhoto:
 
         Scharstein et al., GCPR 2014; Middlebury's calibration files.
         """
-        return np.asarray((disparity_px + self.principal_offset_px) / (self.baseline_m * self.intrinsics[0, 0]))
+        return (disparity_px + self.principal_offset_px) / (self.baseline_m * self.intrinsics[0, 0])
 
 
 def motorcycle_photo() -> DisparityPhoto:
@@ -93,35 +91,20 @@ def motorcycle_photo() -> DisparityPhoto:
 
 def motorcycle(size: tuple[int, int] = (272, 400)) -> Scene:
     """Build the motorcycle scene for a camera of the given image size."""
-    return _seen_at(size, *_motorcycle())
+    return seen_at(size, *_motorcycle())
 
 
 @lru_cache(maxsize=1)
 def _motorcycle() -> tuple[DisparityPhoto, Surfels, F64]:
     # Benches and tables build this scene many times in several sizes, which differ in the camera alone.
-    return _completed(motorcycle_photo(), "linear")
+    return completed(motorcycle_photo())
 
 
-def scene_from_photo(photo: DisparityPhoto, size: tuple[int, int], encoding: Encoding = "linear") -> Scene:
-    """Build a scene in metres from a photograph, complete for camera moves of half the stereo baseline.
-
-    Args:
-        photo: Picture and disparity.
-        size: Height and width of the suggested camera's image. It shows the middle of the photograph; a margin
-            remains for the camera to move into.
-        encoding: Relation of the picture's values to radiance: "linear" takes them as they are (the scene has the
-            contrast of the picture as displayed, so that linear views of it look right on a screen); "srgb" undoes
-            the display curve of IEC 61966-2-1.
-    """
-    return _seen_at(size, *_completed(photo, encoding))
-
-
-def _completed(photo: DisparityPhoto, encoding: Encoding) -> tuple[DisparityPhoto, Surfels, F64]:
+def completed(photo: DisparityPhoto) -> tuple[DisparityPhoto, Surfels, F64]:
     """Fill a photograph's holes and hidden surfaces; return it, its surfels and the front surface's disparity, px."""
-    radiance = _linear_from_srgb(photo.colour) if encoding == "srgb" else photo.colour
     measured = without_flying_pixels(photo.disparity_px, JUMP_PX)
     disparity = fill_holes(measured, photo.colour, JUMP_PX)
-    front = clean_rims(Layer(disparity, radiance, np.ones(disparity.shape, dtype=bool)), JUMP_PX)
+    front = clean_rims(Layer(disparity, photo.colour, np.ones(disparity.shape, dtype=bool)), JUMP_PX)
     hidden = hidden_layer(front, JUMP_PX, REACH)
     jump = JUMP_PX / (photo.baseline_m * photo.intrinsics[0, 0])
     surfels = [
@@ -131,7 +114,7 @@ def _completed(photo: DisparityPhoto, encoding: Encoding) -> tuple[DisparityPhot
     return photo, join(surfels), disparity
 
 
-def _seen_at(size: tuple[int, int], photo: DisparityPhoto, surfels: Surfels, disparity: F64) -> Scene:
+def seen_at(size: tuple[int, int], photo: DisparityPhoto, surfels: Surfels, disparity: F64) -> Scene:
     """Place the suggested camera in front of surfels."""
     intrinsics = _framed(photo.intrinsics, (disparity.shape[0], disparity.shape[1]), size)
     depth = 1.0 / photo.inverse_depth(_sampled(disparity, photo.intrinsics, intrinsics, size))
@@ -156,7 +139,3 @@ def _sampled(values: F64, source: F64, target: F64, size: tuple[int, int]) -> F6
         position = np.floor(slopes * source[axis, axis] + source[axis, 2]).astype(int)
         index.append(np.clip(position, 0, values.shape[1 - axis] - 1))
     return np.asarray(values[np.ix_(index[0], index[1])])
-
-
-def _linear_from_srgb(encoded: F64) -> F64:
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)

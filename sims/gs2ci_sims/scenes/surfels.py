@@ -139,7 +139,7 @@ def surface_slope(values: F64, present: Bool, axis: int, jump: float) -> F64:
     for part in (tuple(cut), tuple(other)):
         total[part] += np.where(same, ahead, 0.0)
         count[part] += same
-    return np.asarray(total / np.maximum(count, 1))
+    return total / np.maximum(count, 1)
 
 
 def _rays(intrinsics: F64, shape: tuple[int, ...]) -> F64:

@@ -43,7 +43,6 @@ def transmissions(greys: Sequence[int], top: int, full: int) -> U16:
     return np.rint(np.interp(np.arange(top + 1), known[order], shares[order])).astype(np.uint16)
 
 
-@enum.unique
 class Out(enum.Enum):
     """The signal of the trigger line during a sequence."""
 

@@ -6,7 +6,7 @@ of the readout is lost, which the frame numbers do not show. Not here: the camer
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum, unique
+from enum import Enum
 
 import numpy as np
 
@@ -18,7 +18,6 @@ TRIGGER_DOUBLED = declare("v4l2.trigger_doubled", "ringing on the line: the sens
 STALLED = declare("v4l2.stalled", "the sensor sends no more frames until it is stopped and started")
 
 
-@unique
 class Shutting(Enum):
     """The event that begins an exposure."""
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import Imported, import_shots
+from gs2ci.core.foreign.options import ImportOptions
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.agreement import fit, mosaic
-from gs2ci.core.foreign.assemble import ImportOptions
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import CFA_PATTERNS
 
 

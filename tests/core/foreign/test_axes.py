@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions
+from gs2ci.core.foreign.options import ImportOptions
 
 
 @pytest.mark.parametrize("masks_last", [False, True])

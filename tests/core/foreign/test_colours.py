@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gs2ci.core.foreign.assemble import ImportOptions
 from gs2ci.core.foreign.colours import one_reading
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import CFA_PATTERNS
 from tests.benchmarks.import_forms import mosaic
 

@@ -6,9 +6,10 @@ import pytest
 
 from gs2ci.commands.import_ import run
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.fields import FieldFrame, frame_from, response
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.storage import read_shot
 
 

@@ -15,9 +15,10 @@ from scipy import io as scipy_io
 
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.foreign import mat5, mat73
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.storage import write_shots
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.curves import CURVES, as_counts, full_scale
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.overflow import below_zero, unwrapped, wrap_of
 from tests.benchmarks import import_forms as forms
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.opening import UNREAD, open_foreign
+from gs2ci.core.foreign.options import ImportOptions
 
 FILES = Path(__file__).parent / "files"
 DOCS = Path(__file__).parents[3] / "docs"

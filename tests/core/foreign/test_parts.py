@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.opening import load_single
+from gs2ci.core.foreign.options import ImportOptions
 
 MATRIX = np.array([[30.0, 0, 16], [0, 31.0, 12], [0, 0, 1]])
 

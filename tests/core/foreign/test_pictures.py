@@ -8,8 +8,9 @@ import pytest
 import tifffile
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.foreign.options import ImportOptions
 
 
 @pytest.fixture

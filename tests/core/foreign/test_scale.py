@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions
+from gs2ci.core.foreign.options import ImportOptions
 
 
 @pytest.mark.parametrize("full", [1, 255, 1023, 4095, 16383, 65535])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gs2ci.core.foreign.assemble import ImportOptions
+from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.shown import traces
 
 

@@ -11,7 +11,6 @@ from gs2ci.core.errors import StorageError
 from gs2ci.core.storage import (
     ShotWriter,
     count_shots,
-    read_calibration,
     read_shot,
     recover,
     write_shots,
@@ -34,7 +33,7 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
 def test_bytes_that_are_no_hdf5_file_are_refused(tmp_path, content):
     file = tmp_path / "shot.h5"
     file.write_bytes(content)
-    for read in (read_shot, count_shots, read_calibration):
+    for read in (read_shot, count_shots):
         with pytest.raises(StorageError, match=r"shot\.h5"):
             read(file)
 

@@ -16,8 +16,9 @@ from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.wires.grbl import GrblTwin
-from gs2ci_sims.wires.grbl_build import FLUIDNC, GRBL, GRBLHAL, GrblBuild, GrblMachine, stepped_rate_hz
+from gs2ci_sims.wires.grbl_build import GRBL, GrblBuild, GrblMachine, stepped_rate_hz
 from gs2ci_sims.world import VirtualClock
+from tests.drivers.grbl_builds import FLUIDNC, GRBLHAL
 
 GREETINGS = [
     b"GrblHAL 1.1f ['$' or '$HELP' for help]",

@@ -89,7 +89,7 @@ def paused(
 
 
 class FaultyBackend(CpuBackend):
-    """Gives gradients that are NaN in the renderings that `when` tells by their number."""
+    """Gives gradients that are NaN in the iterations that `when` tells by their number; looks do not count."""
 
     def __init__(self, when):
         super().__init__()
@@ -98,8 +98,11 @@ class FaultyBackend(CpuBackend):
 
     def coded_with_pull(self, *arguments):
         image, pull = super().coded_with_pull(*arguments)
-        faulty = self._when(next(self._calls))
-        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
+
+        def spoiled(gradient):
+            return pull(gradient * np.float32("nan") if self._when(next(self._calls)) else gradient)
+
+        return image, spoiled
 
 
 class Watching(CpuBackend):
@@ -113,6 +116,8 @@ class Watching(CpuBackend):
         self._calls = itertools.count()
 
     def coded_with_pull(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
+        if reuse is None:  # a look
+            return super().coded_with_pull(scene, world_to_camera, intrinsics, coding, screen, reuse)
         if reuse not in self.given:
             self.given.append(reuse)
         self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())

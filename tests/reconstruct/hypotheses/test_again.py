@@ -11,10 +11,10 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, GeometrySettings
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.paper.withheld import Withheld
 from gs2ci.reconstruct.settings import Settings
 
 UNCERTAIN = finding(Code.PATH_UNCERTAIN, share=0.1)

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.paper.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo
+from gs2ci.reconstruct.paper.fine import Fine, FineSettings, Pseudo, PseudoLoss, make_pseudo
 from gs2ci.reconstruct.paper.perceptual import StructuralDissimilarity
 from gs2ci.reconstruct.paper.pseudo_views import support_weights
 from gs2ci.render.cpu.backend import CpuBackend
@@ -72,11 +72,10 @@ def run(
     halt=None,
 ):
     given_holdout, given_fit, given_renderer = coarse
-    return fit_fine(
+    return Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()).fit(
         holdout or given_holdout,
         fit or given_fit,
         renderer or given_renderer,
-        Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
         0,
         Monitoring(progress=progress or Silent(), halt=halt or Halt()),
         score=score,
@@ -246,12 +245,14 @@ def test_numbers_that_run_away_end_the_stage_with_the_last_good_state(coarse):
 
         calls = 0
 
-        def measurement(self, *arguments):
-            image = super().measurement(*arguments)
-            Faulty.calls += 1
-            if Faulty.calls > 25:
-                image.register_hook(lambda gradient: gradient * float("nan"))
-            return image
+        def measurement_with_pull(self, *arguments):
+            image, pull = super().measurement_with_pull(*arguments)
+
+            def faulty(gradient):
+                Faulty.calls += 1
+                return pull(gradient * np.float32("nan" if Faulty.calls > 25 else 1))
+
+            return image, faulty
 
     holdout, before, renderer = coarse
     faulty = Faulty(holdout.shot, renderer.intrinsics.double().numpy(), CpuBackend())
@@ -334,9 +335,9 @@ def test_settings_out_of_range_are_refused(part):
 
 
 def test_models_are_loaded_before_anything_is_done():
-    assert Fine.load(FineSettings(prior="none"), LossWeights(), 0).prior is None
-    assert Fine.load(FineSettings(), LossWeights(), 0).prior.name == "consistent"
+    assert FineSettings(prior="none").load(LossWeights(), 0).prior is None
+    assert FineSettings().load(LossWeights(), 0).prior.name == "consistent"
     with pytest.raises(InputError, match="prior 'dream'"):
-        Fine.load(FineSettings(prior="dream"), LossWeights(), 0)
+        FineSettings(prior="dream").load(LossWeights(), 0)
     with pytest.raises(InputError, match="perceptual distance 'eye'"):
-        Fine.load(FineSettings(distance="eye"), LossWeights(), 0)
+        FineSettings(distance="eye").load(LossWeights(), 0)

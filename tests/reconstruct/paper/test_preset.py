@@ -18,7 +18,6 @@ from gs2ci.reconstruct.fit.density.base import GaussianStatistics
 from gs2ci.reconstruct.fit.losses.objective import LossWeights
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
 from gs2ci.reconstruct.fit.optimiser.poses import length_of
-from gs2ci.reconstruct.paper.fine import Fine
 from gs2ci.reconstruct.paper.preset import MOST_GAUSSIANS, paper_settings
 from gs2ci.reconstruct.paper.proxies import amdi
 from gs2ci.reconstruct.paper.proxies.routing import MULTIPLICITY_THRESHOLD
@@ -130,7 +129,7 @@ def test_only_the_paper_bounds_the_population_and_the_guard_ends_the_fit():
 def test_the_fine_stage_is_ungated_and_names_what_stands_in(monkeypatch, tmp_path):
     monkeypatch.setenv("GS2CI_HOME", str(tmp_path))
     assert not FINE.gated
-    fine = Fine.load(FINE, LossWeights(), 0)
+    fine = FINE.load(LossWeights(), 0)
     assert [note.code for note in fine.notes] == [Code.STAND_IN, Code.STAND_IN]
     assert ["DiFix3D+" in fine.notes[0].sentence, "LPIPS" in fine.notes[1].sentence] == [True, True]
 

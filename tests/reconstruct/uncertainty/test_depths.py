@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.depths import errors_of_depths, movement
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import information
 from tests.reconstruct.uncertainty.conftest import path
 
@@ -20,7 +20,7 @@ def test_there_is_an_error_where_there_is_a_depth_and_none_larger_than_it(seen):
     found = stated(replace(seen, depth=depth), path_error=5.0)
     assert found.dtype == np.float32
     assert np.array_equal(found > 0, depth > 0)
-    assert (found <= depth * factors.MOST_OF_DEPTH).all()
+    assert (found <= depth).all()
 
 
 def test_far_things_that_move_little_through_the_views_are_less_sure(seen):
@@ -33,7 +33,7 @@ def test_far_things_that_move_little_through_the_views_are_less_sure(seen):
 def test_thick_light_and_jumps_of_depth_are_less_sure(seen):
     thin, thick = stated(seen, 0.0, given=True), stated(seen, 0.1, given=True)
     assert (thick > thin).all()
-    assert thick[3, 5, 5] ** 2 - thin[3, 5, 5] ** 2 == pytest.approx((factors.DEPTH_BY_SPREAD * 0.1 * 2) ** 2, rel=1e-3)
+    assert thick[3, 5, 5] ** 2 - thin[3, 5, 5] ** 2 == pytest.approx((factors.depth_by_spread * 0.1 * 2) ** 2, rel=1e-3)
     assert thin[3, 12, 16] > 1.5 * thin[3, 12, 28]
 
 
@@ -68,4 +68,4 @@ def test_a_point_moves_by_the_parallax_of_its_depth():
     found = movement(poses, np.array([35.0, 35.0]), 2, np.array([0.0, 0.0, 2.0]))
     places = 35 * np.linspace(-0.1, 0.1, 5) / 2
     assert found == pytest.approx(np.sqrt(np.square(places).sum()))
-    assert movement(poses, np.array([35.0, 35.0]), 2, np.array([0.0, 0, 1e6])) == factors.PLACE_PX
+    assert movement(poses, np.array([35.0, 35.0]), 2, np.array([0.0, 0, 1e6])) == factors.place_px

@@ -9,8 +9,8 @@ import torch
 from gs2ci.core.cameras import pinhole
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -75,7 +75,7 @@ def test_given_poses_are_surer(exposed):
     ("path", "error"),
     [
         (known(), 0.05),
-        (known(expected_error=None), factors.PATH_NOT_JUDGED),
+        (known(expected_error=None), factors.path_not_judged),
         (known(given=(0.002, 0.001)), 0.01),
         (known(given=(0.002, 0.001), extent=0.0), 0.05),
     ],

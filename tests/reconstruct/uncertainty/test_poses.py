@@ -3,7 +3,7 @@ import pytest
 
 from gs2ci.core.cameras import camera_centres
 from gs2ci.evaluate.trajectory import align
-from gs2ci.reconstruct.uncertainty import factors
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, relief, travel_across
 from gs2ci.render import se3
 from tests.reconstruct.uncertainty.conftest import path
@@ -48,9 +48,9 @@ def test_a_common_motion_of_all_cameras_is_no_error():
 def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_with_its_travel():
     poses, covariance = bent(), 1e-8 * np.eye(42)
     given, found = (errors_of_poses(covariance, poses, 2.0, FOCAL_PX, given=given) for given in (True, False))
-    assert found[0] == pytest.approx(factors.POSITION * given[0])
+    assert found[0] == pytest.approx(factors.position * given[0])
     assert found[1][0] > found[1][3]
-    assert (found[1] >= factors.TURN * given[1]).all()
+    assert (found[1] >= factors.turn * given[1]).all()
 
 
 @pytest.mark.parametrize("poses", [path(1), path(2), path(5, (0, 0, 0))], ids=["one view", "two views", "at rest"])
@@ -71,6 +71,6 @@ def test_travel_across_counts_by_the_angle_at_the_middle_depth_and_travel_ahead_
 def test_the_shorter_the_travel_in_the_picture_the_less_sure_is_the_shift_of_all_inverse_depths():
     """A turn that moves the picture by RELIEF_PX takes the place of so much of 5 px, half as much of 10 px."""
     across = np.array([0.05, 0, 0.05])
-    assert relief(across, FOCAL_PX) == pytest.approx(factors.RELIEF_PX / 5)
-    assert relief(across, 2 * FOCAL_PX) == pytest.approx(factors.RELIEF_PX / 10)
+    assert relief(across, FOCAL_PX) == pytest.approx(factors.relief_px / 5)
+    assert relief(across, 2 * FOCAL_PX) == pytest.approx(factors.relief_px / 10)
     assert relief(0 * across, FOCAL_PX) == 1

@@ -135,8 +135,7 @@ def patch_decode_from(
     schedule = PlugAndPlaySettings(sigmas=settings.check().sigmas, iterations=1)
     denoiser = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
     weighed = None if noise is None else ReadingNoise(noise, error_power)
-    decoded: F32 = np.clip(plug_and_play(shot, denoiser, schedule, progress, start, enough, weighed), 0, 1)
-    return decoded
+    return np.clip(plug_and_play(shot, denoiser, schedule, progress, start, enough, weighed), 0, 1)
 
 
 def error_power(sigma: float) -> float:

@@ -83,8 +83,7 @@ def _within_noise(before: F32, views: F32, sigma: float) -> F32:
     opens, used by one call of four, the error grew by a factor of three each time, and left float32 in one decode.
     """
     most = np.float32(_MOST_LAG * sigma)
-    limited: F32 = views + np.clip(before - views, -most, most)
-    return limited
+    return views + np.clip(before - views, -most, most)
 
 
 def _opponent(views: F32) -> F32:
@@ -96,5 +95,4 @@ def _restored(planes: F32) -> F32:
 
 
 def _mixed(matrix: F32, views: F32) -> F32:
-    mixed: F32 = np.einsum("dc,nchw->ndhw", matrix, views)
-    return mixed
+    return np.einsum("dc,nchw->ndhw", matrix, views)

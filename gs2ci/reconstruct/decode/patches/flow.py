@@ -76,11 +76,9 @@ class Flow:
 
 
 def _flow(before: U8, after: U8) -> F32:
-    found: F32 = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
-    return found
+    return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
 
 
 def _as_bytes(views: F32) -> U8:
     white = max(float(np.percentile(views, _WHITE_PERCENTILE)), _LEAST_WHITE)
-    as_bytes: U8 = (np.clip(views / white, 0, 1) * 255).astype(np.uint8)
-    return as_bytes
+    return (np.clip(views / white, 0, 1) * 255).astype(np.uint8)

@@ -106,8 +106,7 @@ class ExposureState:
 
     def seen(self, scene: Gaussians) -> LookedAt:
         """Return what a look at the fit judges for this exposure."""
-        with torch.no_grad():
-            coded = self.renderer.measurement(scene, self.poses.world_to_camera()).cpu().numpy()
+        coded = self.renderer.measurement(scene, self.poses.world_to_camera()).cpu().numpy()
         exposure = self.exposure
         return LookedAt(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
 

@@ -5,7 +5,7 @@ what (`stage.py`, `state.py`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from torch import Tensor
@@ -13,44 +13,32 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Finding
 from gs2ci.core.run_figures import CurvePoint
-from gs2ci.reconstruct.fit.optimiser.adam import AdamState
+from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.reconstruct.fit.optimiser.poses import PosesState
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, Surfaces
 from gs2ci.render.gaussians import Gaussians
 
 
-@dataclass
-class Snapshot:
-    """A state to go back to; twists and surfaces are those of each exposure."""
-
-    scene: Gaussians
-    twists: tuple[Tensor, ...]
-    iteration: int
-    surfaces: tuple[Surfaces | None, ...]
-    outside: Tensor | None
-    searches: tuple[Search, ...]
-
-
 @dataclass(frozen=True, eq=False)
-class KeptScene:
-    """The same for the disk.
+class Snapshot:
+    """A state to go back to.
 
     Args:
         scene: The Gaussians.
         twists: Of each exposure.
         iteration: When it was.
-        surfaces: By which search those of each exposure were found; None: there are none.
+        surfaces: Those of each exposure, on the disk the number of the search that found them; None: there are none.
         outside: Which Gaussians lie beyond the borders of all views.
-        searches: How many searches were still to come.
+        searches: Those that were still to come.
     """
 
     scene: Gaussians
     twists: tuple[Tensor, ...]
     iteration: int
-    surfaces: tuple[int | None, ...]
+    surfaces: tuple[Surfaces | int | None, ...]
     outside: Tensor | None
-    searches: int
+    searches: tuple[Search, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +55,8 @@ class KeptState:
         bound: The population's bound, if it is in force by now.
     """
 
-    now: KeptScene
-    moments: dict[str, AdamState]
+    now: Snapshot
+    moments: dict[str, Adam]
     poses: tuple[PosesState, ...]
     split: bool
     screen: tuple[Tensor, Tensor, Tensor]
@@ -95,7 +83,7 @@ class KeptFit:
     """
 
     state: KeptState
-    best: KeptScene
+    best: Snapshot
     iteration: int
     stopped: Finding | None
     notes: tuple[Finding, ...]
@@ -141,33 +129,28 @@ class Keeper(Protocol):
         """Return what was kept of a search; None: nothing."""
 
 
-def kept_scene(state: Snapshot, searches: Sequence[Search]) -> KeptScene:
+def kept_scene(state: Snapshot, searches: Sequence[Search]) -> Snapshot:
     """Return a state for the disk, on the host.
 
     Args:
         state: It.
         searches: Those of the fit, in their order.
     """
-    found = tuple(None if one is None else searches.index(one.search) for one in state.surfaces)
-    scene = state.scene.map(Tensor.cpu)
-    return KeptScene(scene, state.twists, state.iteration, found, state.outside, len(state.searches))
+    found = tuple(searches.index(one.search) if isinstance(one, Surfaces) else None for one in state.surfaces)
+    return replace(state, scene=state.scene.map(Tensor.cpu), surfaces=found)
 
 
-def scene_again(
-    kept: KeptScene, searches: Sequence[Search], renderers: Sequence[ShotRenderer], keeper: Keeper
-) -> Snapshot:
+def scene_again(kept: Snapshot, renderers: Sequence[ShotRenderer], keeper: Keeper) -> Snapshot:
     """Return the state that was kept; its Gaussians lie on the host.
 
     Args:
         kept: It.
-        searches: Those of the fit, in their order.
         renderers: Of each exposure.
         keeper: Has kept what the searches found.
     """
     surfaces: list[Surfaces | None] = []
     for exposure, (number, renderer) in enumerate(zip(kept.surfaces, renderers, strict=True)):
-        found = None if number is None else keeper.kept_search(number, exposure)
+        found = keeper.kept_search(number, exposure) if isinstance(number, int) else None
         bare = None if found is None else found.surfaces
         surfaces.append(None if bare is None else bare.with_masks(renderer))
-    left = tuple(searches[len(searches) - kept.searches :])
-    return Snapshot(kept.scene, kept.twists, kept.iteration, tuple(surfaces), kept.outside, left)
+    return replace(kept, surfaces=tuple(surfaces))

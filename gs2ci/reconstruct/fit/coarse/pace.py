@@ -6,7 +6,7 @@ of a deadline (`gs2ci.reconstruct.presets.budget`).
 
 import time
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -24,45 +24,35 @@ _TRUST_IN_THE_LATEST: Final = 0.5
 _SAMPLES: Final = (np.arange(16) + 0.5) / 16
 
 
-class Pace(Protocol):
-    """Tells the fit how long its schedule is."""
+class Pace:
+    """Tells the fit how long its schedule is: a number of iterations, whatever time they take.
+
+    The same seed gives the same result then.
+
+    Args:
+        iterations: How many.
+    """
+
+    def __init__(self, iterations: int) -> None:
+        self._iterations = iterations
 
     def total(self, done: int) -> int:
         """Return the length of the schedule after `done` iterations; the fit ends if this is not above `done`."""
+        return self._iterations
 
     def looked(self, seconds: float) -> None:
         """Record how long a look at the held-out pixels took."""
 
     def is_late(self, done: int) -> bool:
         """Tell whether the deadline, and not the number of iterations, ended the schedule."""
+        return False
 
     def beside(self) -> "Pace":
         """Return a pace for another fit that runs at the same time."""
-
-
-class Fixed:
-    """A number of iterations, whatever time they take: the same seed gives the same result."""
-
-    def __init__(self, iterations: int) -> None:
-        self._iterations = iterations
-
-    def total(self, done: int) -> int:
-        """Return the number given."""
-        return self._iterations
-
-    def looked(self, seconds: float) -> None:
-        """Ignore."""
-
-    def is_late(self, done: int) -> bool:
-        """Return False: no time is kept."""
-        return False
-
-    def beside(self) -> "Fixed":
-        """Return itself: nothing in it changes."""
         return self
 
 
-class Timed:
+class Timed(Pace):
     """A few iterations, to time them.
 
     Args:
@@ -74,7 +64,7 @@ class Timed:
     """
 
     def __init__(self, iterations: int, moments_per_mask: float = 1.0) -> None:
-        self._iterations = iterations
+        super().__init__(iterations)
         self.moments_per_mask = moments_per_mask
         self._moments_s: list[float] = []
         self._processor_s: list[float] = []
@@ -100,10 +90,6 @@ class Timed:
         """Record how long a look took."""
         self.look_s = seconds
 
-    def is_late(self, done: int) -> bool:
-        """Return False: no time is kept."""
-        return False
-
     def beside(self) -> "Timed":
         """Return another one."""
         return Timed(self._iterations, self.moments_per_mask)
@@ -117,7 +103,7 @@ def slower_beside(fits: int, threads: int) -> float:
     )
 
 
-class Deadline:
+class Deadline(Pace):
     """As many iterations as end before a deadline; their number follows the measured speed of the fit.
 
     The schedule is stretched or shortened as a whole: step sizes and densification follow the share of it that is
@@ -141,7 +127,7 @@ class Deadline:
         look_every: int,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._most = most
+        super().__init__(most)
         self._until_s = until_s
         self._costs = costs
         self._look_s = look_s
@@ -173,11 +159,11 @@ class Deadline:
 
     def is_late(self, done: int) -> bool:
         """Tell whether the deadline came before all iterations were done."""
-        return done < self._most
+        return done < self._iterations
 
     def beside(self) -> "Deadline":
         """Return a pace with the same deadline that learns its own speed."""
-        return Deadline(self._most, self._until_s, self._costs, self._look_s, self._look_every, self._clock)
+        return Deadline(self._iterations, self._until_s, self._costs, self._look_s, self._look_every, self._clock)
 
     def _learn(self, done: int, now_s: float) -> None:
         took_s = max(0.0, now_s - self._reviewed_s - self._looking_s)
@@ -190,7 +176,7 @@ class Deadline:
     def _affordable(self, done: int, now_s: float) -> int:
         """Return the longest schedule, `done` at least, that ends in time."""
         left_s = self._until_s - now_s - (LOOKS_AFTERWARDS + 1) * self._look_s
-        low, high = done, max(done, self._most)
+        low, high = done, max(done, self._iterations)
         while low < high:
             total = (low + high + 1) // 2
             looks = (total - done) // self._look_every

@@ -22,7 +22,7 @@ from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.keeping import Keeper, KeptFit
 from gs2ci.reconstruct.fit.coarse.looks import Looks, Monitoring
-from gs2ci.reconstruct.fit.coarse.pace import Fixed, Pace
+from gs2ci.reconstruct.fit.coarse.pace import Pace
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.state import FitState
 from gs2ci.reconstruct.fit.coarse.stopping import Watch
@@ -69,6 +69,8 @@ EXPLODED_SHARE_OF_FIRST = 0.3
 class CoarseRun:
     """A fit of Gaussians and poses to the measurement that can be paused after any share of its schedule.
 
+    Its iterations step, densify, look and stop, and return to the best state when the fit diverges.
+
     Args:
         exposures: One or more; several are fitted by one scene.
         start: Initial Gaussians.
@@ -78,6 +80,9 @@ class CoarseRun:
         pace: Decides how many iterations there are, instead of the settings.
         outside: Which initial Gaussians lie beyond the borders of all views, in a fit that another has begun, [G] bool.
         keeper: Keeps the fit of several exposures, and may have kept it before: then this one goes on from there.
+
+    Attributes:
+        iterations: How many are done.
 
     Raises:
         InputError: The settings make no sense.
@@ -95,14 +100,27 @@ class CoarseRun:
         keeper: Keeper | None = None,
     ) -> None:
         settings.check()
+        self.iterations = 0
         self._fit = FitState(exposures, start, settings, seed, outside)
+        self._settings = settings
         self._looks = Looks(monitoring.since_s)
-        self._halt = monitoring.halt
+        self._progress, self._halt = monitoring.progress, monitoring.halt
+        self._pace = pace or Pace(settings.iterations)
+        self._judged = any(one.holdout.pixels.any() for one in exposures)
         self._results: dict[int, CoarseFit] = {}
         self._end: CoarseFit | None = None
-        pace = pace or Fixed(settings.iterations)
-        judged = any(one.holdout.pixels.any() for one in exposures)
-        self._loop = _Loop(self._fit, self._looks, monitoring, pace, keeper, judged=judged)
+        self._stopped: Finding | None = None
+        self._best = self._fit.snapshot(0)
+        self._notes: list[Finding] = []
+        self._watch = Watch(settings.hold_out)
+        self._damping = 1.0
+        self._rollbacks = 0
+        self._first_loss: float | None = None
+        self._least_loss = float("inf")
+        self._keeper = keeper
+        kept = None if keeper is None else keeper.kept()
+        if keeper is not None and kept is not None:
+            self._resume(kept, keeper)
 
     @property
     def curve(self) -> tuple[CurvePoint, ...]:
@@ -110,17 +128,12 @@ class CoarseRun:
         return tuple(self._looks.curve)
 
     @property
-    def iterations(self) -> int:
-        """Get how many iterations are done."""
-        return self._loop.iteration
-
-    @property
     def has_ended(self) -> bool:
         """Get whether there is nothing to continue."""
-        return self._loop.stopped is not None
+        return self._stopped is not None
 
     def advance(self, share: float = 1.0, progress: Progress | None = None) -> None:
-        """Go on until this share of the schedule is done, or until the fit ends.
+        """Go on until this share of the schedule is done, or until the fit ends, and note why it ended.
 
         Args:
             share: From 0 to 1.
@@ -130,8 +143,21 @@ class CoarseRun:
             NumericsError: The very first iteration is not finite.
             ResourceError: The population exceeds the memory guard.
         """
-        if not self.has_ended:
-            self._loop.run(share, progress)
+        if self.has_ended:
+            return
+        self._progress = progress or self._progress
+        total = self._pace.total(self.iterations)
+        if self.iterations == 0 or self._keeper is not None:
+            self._progress.stage("fit", total)
+        while self._stopped is None and self.iterations < min(total, math.ceil(share * total)):
+            before, total = total, self._iterate(total)
+            if total != before:
+                self._progress.expect(total)
+        if self._stopped is None and self.iterations >= total:
+            self._stopped = self._all_done()
+        # What was asked to end early is no result for whoever gives the same command again.
+        if not self._halt.asked:
+            self._keep()
 
     def views(self) -> F32:
         """Render the scene as it is now, as each mask of the first exposure saw it, [N, H, W, C] float32."""
@@ -157,10 +183,6 @@ class CoarseRun:
             self._results[exposure] = found
         return self._results[exposure]
 
-    def results(self) -> tuple[CoarseFit, ...]:
-        """Return that state as each exposure sees it."""
-        return tuple(self.result(exposure) for exposure in range(len(self._fit.exposures)))
-
     def paths(self) -> tuple[F64, ...]:
         """Return the poses of each exposure in that state, [N, 4, 4]; a paused fit ends here."""
         self._ended()
@@ -169,59 +191,31 @@ class CoarseRun:
     def _ended(self) -> CoarseFit:
         """Return that state without poses and views; all exposures have gone back to it."""
         if self._end is None:
-            loop = self._loop
-            code = Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
-            loop.stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
-            self._fit.restore(loop.best)
+            best, code = self._best, Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
+            self._stopped = self._stopped or finding(code, iterations=self.iterations, best=best.iteration)
+            self._fit.restore(best)
             self._end = CoarseFit(
-                scene=loop.best.scene.map(Tensor.cpu),
+                scene=best.scene.map(Tensor.cpu),
                 world_to_camera=np.empty((0, 4, 4)),
                 views=np.empty((0, 0, 0, 0), np.float32),
                 curve=self.curve,
-                stopped=loop.stopped,
-                notes=tuple(loop.notes),
+                stopped=self._stopped,
+                notes=tuple(self._notes),
                 intrinsics=np.eye(3),
-                outside=loop.best.outside,
+                outside=best.outside,
             )
         return self._end
-
-
-class _Loop:
-    """The iterations: step, densify, look, stop; and the return to the best state when the fit diverges."""
-
-    def __init__(
-        self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, keeper: Keeper | None, *, judged: bool
-    ) -> None:
-        self.iteration = 0
-        self.stopped: Finding | None = None
-        self.fit = fit
-        self.settings = fit.settings
-        self.best = fit.snapshot(0)
-        self.notes: list[Finding] = []
-        self._looks = looks
-        self._progress, self._halt = monitoring.progress, monitoring.halt
-        self._pace = pace
-        self._judged = judged
-        self._watch = Watch(fit.settings.hold_out)
-        self._damping = 1.0
-        self._rollbacks = 0
-        self._first_loss: float | None = None
-        self._least_loss = float("inf")
-        self._keeper = keeper
-        kept = None if keeper is None else keeper.kept()
-        if keeper is not None and kept is not None:
-            self._resume(kept, keeper)
 
     def _keep(self) -> None:
         """Keep the fit as it is between two iterations."""
         if self._keeper is None:
             return
         kept = KeptFit(
-            self.fit.state(),
-            self.fit.kept(self.best),
-            self.iteration,
-            self.stopped,
-            tuple(self.notes),
+            self._fit.state(),
+            self._fit.kept(self._best),
+            self.iterations,
+            self._stopped,
+            tuple(self._notes),
             tuple(self._looks.curve),
             self._watch.state(),
             self._damping,
@@ -232,94 +226,80 @@ class _Loop:
         self._keeper.keep(kept)
 
     def _resume(self, kept: KeptFit, keeper: Keeper) -> None:
-        self.fit.resume(kept.state, keeper)
-        self.best = self.fit.again(kept.best, keeper)
-        self.iteration, self.stopped, self.notes = kept.iteration, kept.stopped, list(kept.notes)
+        self._fit.resume(kept.state, keeper)
+        self._best = self._fit.again(kept.best, keeper)
+        self.iterations, self._stopped, self._notes = kept.iteration, kept.stopped, list(kept.notes)
         self._looks.curve[:] = kept.curve
         self._watch.resume(kept.watch)
         self._damping, self._rollbacks = kept.damping, kept.rollbacks
         self._first_loss, self._least_loss = kept.first_loss, kept.least_loss
 
-    def run(self, share: float, progress: Progress | None) -> None:
-        """Iterate until this share of the schedule is done or the fit ends, and note why it ended."""
-        self._progress = progress or self._progress
-        total = self._pace.total(self.iteration)
-        if self.iteration == 0 or self._keeper is not None:
-            self._progress.stage("fit", total)
-        while self.stopped is None and self.iteration < min(total, math.ceil(share * total)):
-            before, total = total, self._iterate(total)
-            if total != before:
-                self._progress.expect(total)
-        if self.stopped is None and self.iteration >= total:
-            self.stopped = self._all_done()
-        # What was asked to end early is no result for whoever gives the same command again.
-        if not self._halt.asked:
-            self._keep()
-
     def _iterate(self, total: int) -> int:
         """Make one iteration, or return to the best state if it must not be used; return the schedule's length."""
-        iteration = self.iteration
+        iteration = self.iterations
         # A search in many exposures takes long; each of them is kept as soon as it is done, for the state before it.
-        if self._keeper is not None and (self.fit.search_is_due(iteration / total) or self._keeper.is_due()):
+        if self._keeper is not None and (self._fit.search_is_due(iteration / total) or self._keeper.is_due()):
             self._keep()
-        self.fit.split_masks(iteration / total)
-        if self.fit.find_surfaces(iteration / total, self._keeper, (iteration, self._rollbacks)):
+        self._fit.split_masks(iteration / total)
+        if self._fit.find_surfaces(iteration / total, self._keeper, (iteration, self._rollbacks)):
             # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
             # one may predict the held-out pixels as well, but its depth is worse.
             self._watch.begin_again(iteration)
             # A margin beyond the borders may be new, and raise the loss as newcomers of the density rule do.
             self._least_loss = float("inf")
-        loss = self.fit.backward(iteration / total, iteration)
+        loss = self._fit.backward(iteration / total, iteration)
         ran_away = self._how_it_ran_away(iteration, loss)
         if ran_away is not None:
             if not self._roll_back(iteration, ran_away):
-                self.stopped = finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
+                self._stopped = finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self._best.iteration)
             return total
         self._step(iteration, total)
-        self.iteration = iteration = iteration + 1
+        self.iterations = iteration = iteration + 1
         total = self._pace.total(iteration)
         halted = self._halt.asked
-        looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
+        looks = iteration % self._settings.hold_out.look_every == 0 or iteration >= total or halted
         if looks:
             self._look(iteration, loss)
         self._progress.step(iteration, loss=loss, **self._figures())
         if halted:
-            self.stopped = finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
+            self._stopped = finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
         elif looks and self._stalled(iteration):
-            self.stopped = finding(Code.FIT_STALLED, best=self._watch.best_iteration)
+            self._stopped = finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         return total
 
     def _all_done(self) -> Finding:
-        late = self._pace.is_late(self.iteration)
+        late = self._pace.is_late(self.iterations)
         if not self._judged:
-            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=self.iteration)
+            return finding(
+                Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=self.iterations
+            )
         code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
-        return finding(code, iterations=self.iteration, best=self._watch.best_iteration)
+        return finding(code, iterations=self.iterations, best=self._watch.best_iteration)
 
     def _stalled(self, iteration: int) -> bool:
         """Tell whether the residual has not improved for long, or has risen clearly, and nothing to come helps."""
-        if self.fit.awaits_moments:
+        if self._fit.awaits_moments:
             return False
-        return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not self.fit.awaits_surfaces)
+        return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not self._fit.awaits_surfaces)
 
     def _step(self, iteration: int, total: int) -> None:
         share = iteration / total
-        self.fit.step(share, self._damping)
-        begin, end, bound = self.settings.densify_from, self.settings.densify_until, self.settings.cap_from
+        self._fit.step(share, self._damping)
+        begin, end, bound = self._settings.densify_from, self._settings.densify_until, self._settings.cap_from
         if bound is not None and share >= bound:
-            self.fit.bound_population()
-        turn = begin <= share < end and iteration % self.settings.densify_every == 0
+            self._fit.bound_population()
+        turn = begin <= share < end and iteration % self._settings.densify_every == 0
         if turn and self._watch.may_grow(iteration):
             self._least_loss = float("inf")
-            if self.fit.densify(iteration):
+            if self._fit.densify(iteration):
                 self._watch.set_back(iteration)
 
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be delivered now, and keep the state if it is the best so far."""
         began_s = time.monotonic()
-        heldout = self._looks.take(self.fit.seen(), iteration, loss, len(self.fit.scene))
+        heldout = self._looks.take(self._fit.seen(), iteration, loss, len(self._fit.scene))
         if self._watch.note(heldout, iteration):
-            self.best = self.fit.snapshot(iteration)
+            self._best = self._fit.snapshot(iteration)
         self._pace.looked(time.monotonic() - began_s)
 
     def _figures(self) -> dict[str, float | int]:
@@ -327,12 +307,12 @@ class _Loop:
         curve = self._looks.curve
         found = {"heldout": curve[-1].heldout, "psnr_db": curve[-1].psnr_db} if curve else {}
         known = {name: figure for name, figure in found.items() if figure is not None}
-        return {**known, "gaussians": len(self.fit.scene)}
+        return {**known, "gaussians": len(self._fit.scene)}
 
     def _how_it_ran_away(self, iteration: int, loss: float) -> Finding | None:
         """Return why the present iteration must not be used; None if it may."""
-        best = self.best.iteration
-        if not self.fit.is_finite(loss):
+        best = self._best.iteration
+        if not self._fit.is_finite(loss):
             return finding(Code.ROLLED_BACK_NOT_FINITE, iteration=iteration, best=best)
         if self._first_loss is None:
             self._first_loss = loss
@@ -353,8 +333,8 @@ class _Loop:
             return False
         self._rollbacks += 1
         self._damping *= 0.5
-        self.fit.restore(self.best)
+        self._fit.restore(self._best)
         self._least_loss = float("inf")
-        self.notes.append(ran_away)
+        self._notes.append(ran_away)
         self._progress.say(ran_away.sentence)
         return True

@@ -20,29 +20,21 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse.exposure import ExposureState, FittedExposure
-from gs2ci.reconstruct.fit.coarse.keeping import (
-    Keeper,
-    KeptScene,
-    KeptSearch,
-    KeptState,
-    Snapshot,
-    kept_scene,
-    scene_again,
-)
+from gs2ci.reconstruct.fit.coarse.keeping import Keeper, KeptSearch, KeptState, Snapshot, kept_scene, scene_again
 from gs2ci.reconstruct.fit.coarse.looks import LookedAt
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import change_among
 from gs2ci.reconstruct.fit.density.gathering import Gathering
 from gs2ci.reconstruct.fit.losses.objective import add_regularisers
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
-from gs2ci.reconstruct.fit.optimiser.poses import length_of, path_extent
+from gs2ci.reconstruct.fit.optimiser.poses import length_of, path_length
 from gs2ci.reconstruct.fit.optimiser.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView
 from gs2ci.reconstruct.fit.scene.raster_order import raster_order
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSource, margin
-from gs2ci.reconstruct.fit.surfaces.surfaces import Search, pixel_rays
+from gs2ci.reconstruct.fit.surfaces.surfaces import Surfaces, pixel_rays
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians, joined
 from gs2ci.render.screen import ScreenStatistics
@@ -137,7 +129,7 @@ class FitState:
             self._gather(len(self.scene))
 
     def _gather(self, count: int) -> None:
-        """Gather new statistics of so many Gaussians."""
+        """Gather statistics of so many Gaussians anew."""
         renderers = [one.renderer for one in self.exposures]
         self._gathering = Gathering(renderers, count, per_open_share=self.settings.per_open_share)
 
@@ -302,7 +294,7 @@ class FitState:
 
     def _meet_others(self) -> None:
         """Discard the statistics of the Gaussians and what their renderings share, since the Gaussians are new now."""
-        self._gathering.start_again(len(self.scene))
+        self._gather(len(self.scene))
         for one in self.exposures:
             one.meet_others()
 
@@ -316,18 +308,14 @@ class FitState:
         surfaces = tuple(one.surfaces for one in self.exposures)
         return Snapshot(copy, twists, iteration, surfaces, self._outside, tuple(self._searches))
 
-    def kept(self, state: Snapshot) -> KeptScene:
+    def kept(self, state: Snapshot) -> Snapshot:
         """Return a state for the disk."""
-        return kept_scene(state, self._all_searches)
+        return kept_scene(state, () if self.settings.surfaces is None else self.settings.surfaces.searches)
 
-    def again(self, kept: KeptScene, keeper: Keeper) -> Snapshot:
+    def again(self, kept: Snapshot, keeper: Keeper) -> Snapshot:
         """Return the state that was kept."""
         renderers = [one.renderer for one in self.exposures]
-        return replace(scene_again(kept, self._all_searches, renderers, keeper), scene=self._there(kept.scene))
-
-    @property
-    def _all_searches(self) -> tuple[Search, ...]:
-        return () if self.settings.surfaces is None else self.settings.surfaces.searches
+        return replace(scene_again(kept, renderers, keeper), scene=self._there(kept.scene))
 
     def state(self) -> KeptState:
         """Return all that iterations change, on the host."""
@@ -362,7 +350,7 @@ class FitState:
         for one, twists, surfaces in zip(self.exposures, state.twists, state.surfaces, strict=True):
             one.poses.restore(twists)
             # What later searches found fits their path, which exchanges of turning for travel may have moved since.
-            one.surfaces = surfaces
+            one.surfaces = surfaces if isinstance(surfaces, Surfaces) else None
         # One gradient of a state that ran away would leave squares that shorten their steps for hundreds of iterations.
         for others in (self._relief, self._depth_field):
             if others is not None:
@@ -393,7 +381,7 @@ def _reference_view(geometry: Geometry, path: F64) -> ReferenceView | None:
     if not geometry.has_path:
         return None
     pose = geometry.world_to_camera[geometry.reference]
-    return ReferenceView(pose, float(geometry.intrinsics[0, 0]), path_extent(path))
+    return ReferenceView(pose, float(geometry.intrinsics[0, 0]), path_length(path))
 
 
 def _joined(sources: Sequence[MarginSource]) -> MarginSource:

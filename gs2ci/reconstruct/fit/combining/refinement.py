@@ -43,15 +43,10 @@ class Refinement:
 
     def __call__(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32, without the held-out pixels, so that these may judge the result."""
-        return self.with_share(views)[0]
-
-    def with_share(self, views: F32) -> tuple[F32, float]:
-        """Refine views, [N, H, W, C] float32; also return the share that was added, from 0 to 1."""
         if self._settings is None:
-            return views, 0.0
+            return views
         added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
-        share = self.share(views, added)
-        return _plus(views, share, added), share
+        return _plus(views, self.share(views, added), added)
 
     def decode(self, coded: F32) -> F32 | None:
         """Decode the whole residual of a coded image, [H, W, C], without the held-out pixels; None: nothing is added.
@@ -71,14 +66,14 @@ class Refinement:
         in_full = views + added
         return in_full, _plus(views, self.share(views, added), added)
 
-    def by_all_pixels(self, views: F32, share: float) -> F32:
-        """Refine views, [N, H, W, C] float32, by this share of the residual decoded from all pixels.
+    def by_all_pixels(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32, by the whole residual decoded from all pixels.
 
-        For the final views, which the held-out pixels no longer judge; the share is that of `with_share`.
+        For the final views, which the held-out pixels no longer judge.
         """
         if self._settings is None:
             return views
-        return _plus(views, share, decode_residual(self._holdout.every_shot, views, self._settings, self._noise))
+        return _plus(views, 1.0, decode_residual(self._holdout.every_shot, views, self._settings, self._noise))
 
     def share(self, views: F32, added: F32) -> float:
         """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""

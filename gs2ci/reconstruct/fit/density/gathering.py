@@ -31,10 +31,6 @@ class Gathering:
         self._gradient_factor = float(np.mean(factors))
         self.screen = ScreenStatistics.empty(count, renderers[0].device)
 
-    def start_again(self, count: int) -> None:
-        """Discard the statistics, since the Gaussians are new now."""
-        self.screen = ScreenStatistics.empty(count, self._renderers[0].device)
-
     def evidence(
         self,
         scene: Gaussians,

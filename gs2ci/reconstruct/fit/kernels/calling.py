@@ -26,6 +26,5 @@ def call(kernel: Any, *arguments: Any) -> Any:
     if on_device(first):
         from gs2ci.reconstruct.fit.kernels.device import calls  # noqa: PLC0415  an extra
 
-        counterpart = getattr(calls, kernel.__name__)
-        return counterpart(*arguments)
+        return calls.counterpart(kernel.__name__)(*arguments)
     return kernel(*(one.detach().numpy() if isinstance(one, Tensor) else one for one in arguments))

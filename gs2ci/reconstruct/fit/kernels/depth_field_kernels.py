@@ -7,13 +7,12 @@ thread, so that sums have one order. Here: the kernels. Not here: steps and sett
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F64
 from gs2ci.core.kernels import f32_1, f32_2, f64, f64_1, f64_2, f64_3, helper, i64_1, kernel
 from gs2ci.reconstruct.fit.kernels.distances import bounded
-from gs2ci.reconstruct.fit.kernels.relief_kernels import seen_from
+from gs2ci.reconstruct.fit.kernels.relief_kernels import seen_from, turned
 
 Numbers = NDArray[Any]
 
@@ -27,31 +26,38 @@ def _place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
 
 
 @helper()
-def _value(field: F64, u: float, v: float, w: float, low: F64, step: F64) -> float:
-    """Return the field, [A, B, C], at a position."""
+def _around(
+    field: F64, u: float, v: float, w: float, low: F64, step: F64
+) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
+    """Return the knot of a field, [A, B, C], below a position, and the fractions of the way to the next ones."""
     i, a = _place(u, low[0], step[0], field.shape[0])
     j, b = _place(v, low[1], step[1], field.shape[1])
     k, c = _place(w, low[2], step[2], field.shape[2])
+    return (i, j, k), (a, b, c)
+
+
+@helper()
+def _share(corner: tuple[int, int, int], fractions: tuple[float, float, float]) -> float:
+    """Return how much one of the eight knots about a position counts."""
+    di, dj, dk = corner
+    a, b, c = fractions
+    return (a if di else 1 - a) * (b if dj else 1 - b) * (c if dk else 1 - c)
+
+
+@helper()
+def _value(field: F64, u: float, v: float, w: float, low: F64, step: F64) -> float:
+    """Return the field, [A, B, C], at a position."""
+    (i, j, k), fractions = _around(field, u, v, w, low, step)
     found = 0.0
     for di in range(2):
         for dj in range(2):
             for dk in range(2):
-                share = (a if di else 1 - a) * (b if dj else 1 - b) * (c if dk else 1 - c)
-                found += share * field[i + di, j + dj, k + dk]
+                found += _share((di, dj, dk), fractions) * field[i + di, j + dj, k + dk]
     return found
 
 
 @kernel(f32_2, f32_2, f32_2, f64_2, f64, f64_1, f64_1, f64_3)
-def gather_gradient(
-    means: Numbers,
-    by_means: Numbers,
-    by_log_scales: Numbers,
-    pose: F64,
-    near: float,
-    low: F64,
-    step: F64,
-    gradient: F64,
-) -> None:
+def gather_gradient(means, by_means, by_log_scales, pose, near, low, step, gradient):
     """Store the gradient by the field's knots, [A, B, C], given those by means and log sizes, [G, 3] each.
 
     Added to inverse depth, b moves a point X of the reference view by -z b X, and sizes with it.
@@ -71,26 +77,21 @@ def gather_gradient(
         x, y, z = seen_from(means, pose, g)
         if z < near:
             continue
+        seen, by_mean = (x, y, z), turned(by_means, pose, g)
         total = 0.0
         for row in range(3):
-            along = by_means[g, 0] * pose[row, 0] + by_means[g, 1] * pose[row, 1] + by_means[g, 2] * pose[row, 2]
-            total += along * (x if row == 0 else y if row == 1 else z)
+            total += by_mean[row] * seen[row]
             total += by_log_scales[g, row]
         total *= -z
-        i, a = _place(x / z, low[0], step[0], gradient.shape[0])
-        j, b = _place(y / z, low[1], step[1], gradient.shape[1])
-        k, c = _place(1 / z, low[2], step[2], gradient.shape[2])
+        (i, j, k), fractions = _around(gradient, x / z, y / z, 1 / z, low, step)
         for di in range(2):
             for dj in range(2):
                 for dk in range(2):
-                    share = (a if di else 1 - a) * (b if dj else 1 - b) * (c if dk else 1 - c)
-                    gradient[i + di, j + dj, k + dk] += share * total
+                    gradient[i + di, j + dj, k + dk] += _share((di, dj, dk), fractions) * total
 
 
 @kernel(f32_2, f32_2, f64_2, f64, f64_1, f64_1, f64_3)
-def move_gaussians(
-    means: Numbers, log_scales: Numbers, pose: F64, near: float, low: F64, step: F64, field: F64
-) -> None:
+def move_gaussians(means, log_scales, pose, near, low, step, field):
     """Add a field, [A, B, C], to the inverse depths of Gaussians, in place, within the bounds of `distances`."""
     for g in range(len(means)):
         x, y, z = seen_from(means, pose, g)
@@ -103,9 +104,7 @@ def move_gaussians(
 
 
 @kernel(f32_1, i64_1, f32_2, f64_2, f64_1, f64_1, f64_3)
-def move_map(
-    inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, to_reference: F64, low: F64, step: F64, field: F64
-) -> None:
+def move_map(inverse_depth, pixels, rays, to_reference, low, step, field):
     """Add a field, [A, B, C], to a view's inverse depths, [H * W], at some pixels, in place.
 
     Args:

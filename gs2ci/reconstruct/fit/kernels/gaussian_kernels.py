@@ -5,24 +5,14 @@ do not depend on the number of threads. Here: the kernels. Not here: rates and m
 (`losses/objective.py`).
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32
 from gs2ci.core.kernels import f32_1, f64, kernel
 from gs2ci.reconstruct.fit.kernels.lane_sum import sum_in_lanes
 
 
 @kernel(f32_1, f32_1, f32_1, f32_1, f32_1)
-def adam_step(
-    parameter: NDArray[Any],
-    gradient: NDArray[Any],
-    mean: NDArray[Any],
-    square: NDArray[Any],
-    constants: NDArray[Any],
-) -> None:
+def adam_step(parameter, gradient, mean, square, constants):
     """Update the moments by a gradient, and step, in place; all but the last argument have the same length.
 
     Args:
@@ -45,7 +35,7 @@ def adam_step(
 
 
 @kernel(f32_1, f64, f32_1)
-def add_opacity_gradient(logits: F32, weight: float, gradient: F32) -> float:
+def add_opacity_gradient(logits, weight, gradient):
     """Return the mean of sigmoid(logits), [G], and add `weight` times its gradient to `gradient`, [G]."""
     count = len(logits)
     if count == 0:
@@ -61,7 +51,7 @@ def add_opacity_gradient(logits: F32, weight: float, gradient: F32) -> float:
 
 
 @kernel(f32_1, f64, f32_1)
-def add_size_gradient(log_scales: F32, weight: float, gradient: F32) -> float:
+def add_size_gradient(log_scales, weight, gradient):
     """Return the mean of exp(log_scales), [3 G], and add `weight` times its gradient to `gradient`, [3 G]."""
     count = len(log_scales)
     if count == 0:

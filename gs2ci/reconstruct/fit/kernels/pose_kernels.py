@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F64
 from gs2ci.core.kernels import f32_1, f32_2, f32_3, helper, kernel
+from gs2ci.render.se3 import SERIES_BELOW_ANGLE2
 
-_SERIES_BELOW_ANGLE2: Final = 0.25  # as in `se3`: the closed forms lose less than three digits above it
 _TERMS: Final = 10
 
 
@@ -34,7 +34,7 @@ def _series(angle2: float, first: int) -> tuple[float, float]:
 @helper()
 def _coefficients(angle2: float) -> tuple[float, float, float, float, float]:
     """Return a = sin x / x, b = (1 - cos x) / x^2, c = (x - sin x) / x^3, and b' / x and c' / x."""
-    if angle2 < _SERIES_BELOW_ANGLE2:
+    if angle2 < SERIES_BELOW_ANGLE2:
         a, _ = _series(angle2, np.int64(1))
         b, b_slope = _series(angle2, np.int64(2))
         c, c_slope = _series(angle2, np.int64(3))
@@ -46,17 +46,27 @@ def _coefficients(angle2: float) -> tuple[float, float, float, float, float]:
 
 
 @helper()
+def _cross(a: F64, b: F64) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@helper()
+def _dot(a: F64, b: F64) -> float:
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+@helper()
 def _turned(phi: F64, b: float, c: float, sign: float, x: F64, out: F64) -> None:
     """Store (I + sign b [phi] + c [phi]^2) x: V x, and V^T x where the sign is -1."""
-    p0, p1, p2 = phi[1] * x[2] - phi[2] * x[1], phi[2] * x[0] - phi[0] * x[2], phi[0] * x[1] - phi[1] * x[0]
-    q0, q1, q2 = phi[1] * p2 - phi[2] * p1, phi[2] * p0 - phi[0] * p2, phi[0] * p1 - phi[1] * p0
-    out[0] = x[0] + sign * b * p0 + c * q0
-    out[1] = x[1] + sign * b * p1 + c * q1
-    out[2] = x[2] + sign * b * p2 + c * q2
+    once = _cross(phi, x)
+    twice = _cross(phi, once)
+    for i in range(3):
+        out[i] = x[i] + sign * b * once[i] + c * twice[i]
 
 
 @kernel(f32_2, f32_1, f32_3, f32_3)
-def correct_poses(twists: F32, units: F32, initial: F32, out: F32) -> None:
+def correct_poses(twists, units, initial, out):
     """Store exp(units * twists) @ initial.
 
     Args:
@@ -65,12 +75,12 @@ def correct_poses(twists: F32, units: F32, initial: F32, out: F32) -> None:
         initial: [N, 4, 4], with last rows (0, 0, 0, 1).
         out: [N, 4, 4].
     """
-    rho, phi, column, moved = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    rho, phi, column, moved = np.empty((4, 3))
     for n in range(len(twists)):
         for i in range(3):
             rho[i] = np.float64(units[i]) * twists[n, i]
             phi[i] = np.float64(units[3 + i]) * twists[n, 3 + i]
-        a, b, c, _, _ = _coefficients(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+        a, b, c, _, _ = _coefficients(_dot(phi, phi))
         for j in range(4):
             for i in range(3):
                 column[i] = initial[n, i, j]
@@ -85,7 +95,7 @@ def correct_poses(twists: F32, units: F32, initial: F32, out: F32) -> None:
 
 
 @kernel(f32_2, f32_1, f32_3, f32_3, f32_2)
-def twist_gradient(twists: F32, units: F32, poses: F32, gradient: F32, out: F32) -> None:
+def twist_gradient(twists, units, poses, gradient, out):
     """Add the gradient by the twists to `out`, [N, 6].
 
     With G the gradient by the pose T = exp(rho, phi) T0, u its last column and t = R t0 + V rho: rho gets V^T u; phi
@@ -99,38 +109,31 @@ def twist_gradient(twists: F32, units: F32, poses: F32, gradient: F32, out: F32)
         gradient: By the poses, [N, 4, 4]; the last rows do not count.
         out: [N, 6].
     """
-    rho, phi, u, w = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    shift, by_rho, by_phi = np.empty(3), np.empty(3), np.empty(3)
+    rho, phi, u, w, x, g, shift, by_rho, by_phi = np.empty((9, 3))
     for n in range(len(twists)):
         for i in range(3):
             rho[i] = np.float64(units[i]) * twists[n, i]
             phi[i] = np.float64(units[3 + i]) * twists[n, 3 + i]
             u[i] = gradient[n, i, 3]
             w[i] = 0.0
-        _, b, c, b_slope, c_slope = _coefficients(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+        _, b, c, b_slope, c_slope = _coefficients(_dot(phi, phi))
         _turned(phi, b, c, 1.0, rho, shift)
         for j in range(4):
-            x0, x1, x2 = np.float64(poses[n, 0, j]), np.float64(poses[n, 1, j]), np.float64(poses[n, 2, j])
-            if j == 3:
-                x0, x1, x2 = x0 - shift[0], x1 - shift[1], x2 - shift[2]
-            g0, g1, g2 = np.float64(gradient[n, 0, j]), np.float64(gradient[n, 1, j]), np.float64(gradient[n, 2, j])
-            w[0] += x1 * g2 - x2 * g1
-            w[1] += x2 * g0 - x0 * g2
-            w[2] += x0 * g1 - x1 * g0
+            for i in range(3):
+                x[i] = poses[n, i, j] - (shift[i] if j == 3 else 0.0)
+                g[i] = gradient[n, i, j]
+            turning = _cross(x, g)
+            for i in range(3):
+                w[i] += turning[i]
         _turned(phi, b, c, -1.0, u, by_rho)
         _turned(phi, b, c, -1.0, w, by_phi)
-        dot_up = u[0] * phi[0] + u[1] * phi[1] + u[2] * phi[2]
-        dot_rp = rho[0] * phi[0] + rho[1] * phi[1] + rho[2] * phi[2]
-        dot_ur = u[0] * rho[0] + u[1] * rho[1] + u[2] * rho[2]
-        angle2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+        dot_up, dot_rp, dot_ur = _dot(u, phi), _dot(rho, phi), _dot(u, rho)
+        r = _cross(rho, u)
         # u . (phi x rho) and u . (phi x (phi x rho))
-        r0, r1, r2 = rho[1] * u[2] - rho[2] * u[1], rho[2] * u[0] - rho[0] * u[2], rho[0] * u[1] - rho[1] * u[0]
-        once = phi[0] * r0 + phi[1] * r1 + phi[2] * r2
-        twice = dot_up * dot_rp - dot_ur * angle2
+        once, twice = _dot(phi, r), dot_up * dot_rp - dot_ur * _dot(phi, phi)
         along = b_slope * once + c_slope * twice
-        by_phi[0] += along * phi[0] + b * r0 + c * (dot_up * rho[0] + dot_rp * u[0] - 2 * dot_ur * phi[0])
-        by_phi[1] += along * phi[1] + b * r1 + c * (dot_up * rho[1] + dot_rp * u[1] - 2 * dot_ur * phi[1])
-        by_phi[2] += along * phi[2] + b * r2 + c * (dot_up * rho[2] + dot_rp * u[2] - 2 * dot_ur * phi[2])
+        for i in range(3):
+            by_phi[i] += along * phi[i] + b * r[i] + c * (dot_up * rho[i] + dot_rp * u[i] - 2 * dot_ur * phi[i])
         for i in range(3):
             out[n, i] += units[i] * by_rho[i]
             out[n, 3 + i] += units[3 + i] * by_phi[i]

@@ -59,18 +59,25 @@ def _differentiate_step(means, pose, shrink, by_means, by_sizes):
 
 
 @helper()
-def seen_from(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
-    """Return the camera coordinates of a Gaussian's centre; means: [G, 3], pose: [4, 4]."""
-    x, y, z = means[g, 0], means[g, 1], means[g, 2]
+def turned(vectors: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
+    """Return a row of vectors, [G, 3], in the axes of a camera, [4, 4]."""
+    x, y, z = vectors[g, 0], vectors[g, 1], vectors[g, 2]
     return (
-        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3],
-        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3],
-        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3],
+        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z,
+        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z,
+        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z,
     )
 
 
+@helper()
+def seen_from(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
+    """Return the camera coordinates of a Gaussian's centre; means: [G, 3], pose: [4, 4]."""
+    x, y, z = turned(means, pose, g)
+    return x + pose[0, 3], y + pose[1, 3], z + pose[2, 3]
+
+
 @kernel(f32_2, f32_2)
-def derivative_along(gradient: Numbers, step: Numbers) -> float:
+def derivative_along(gradient, step):
     """Return the sum over products of gradients and steps, [G, K]; a step [G, 1] counts for every column."""
     total = 0.0
     columns = gradient.shape[1]
@@ -83,7 +90,7 @@ def derivative_along(gradient: Numbers, step: Numbers) -> float:
 
 
 @kernel(f32_2, f32_2, f32_2, f32_1, f64)
-def take_step(means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: Numbers, beta: float) -> None:
+def take_step(means, log_scales, by_means, by_sizes, beta):
     """Move Gaussians by `beta`, in place, within the bounds of `distances`.
 
     Args:

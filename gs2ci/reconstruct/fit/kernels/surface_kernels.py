@@ -5,14 +5,12 @@ that sums have one order. Here: the kernels. Not here: the rendering between the
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32
 from gs2ci.core.kernels import f32_1, f32_2, f32_3, f64, i64_1, kernel
 
 
 @kernel(f32_2, f32_1, f64, f64, f64, f32_2)
-def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, middle: float, out: F32) -> None:
+def parallax_moments(means, ray, near, parallax_px, middle, out):
     """Store 1, p and p^2 of each Gaussian's parallax less the middle, [G, 3].
 
     Args:
@@ -33,9 +31,7 @@ def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, midd
 
 
 @kernel(f32_2, f32_1, f64, f64, f32_2, f32_2, f32_2)
-def add_mean_gradient(
-    means: F32, ray: F32, near: float, parallax_px: float, moments: F32, by_moments: F32, out: F32
-) -> None:
+def add_mean_gradient(means, ray, near, parallax_px, moments, by_moments, out):
     """Add to the means' gradient, [G, 3], the part that follows from that by their moments of parallax, [G, 3]."""
     least, per, two = np.float32(near), np.float32(parallax_px), np.float32(2)
     for g in range(len(means)):
@@ -49,17 +45,7 @@ def add_mean_gradient(
 
 
 @kernel(f32_2, i64_1, f32_1, f32_1, f64, f64, f64, f64, f32_2)
-def distance_to_surface(
-    image: F32,
-    pixels: NDArray[np.int64],
-    inverse_depth: F32,
-    trust: F32,
-    parallax_px: float,
-    middle: float,
-    round_px: float,
-    weight: float,
-    gradient: F32,
-) -> float:
+def distance_to_surface(image, pixels, inverse_depth, trust, parallax_px, middle, round_px, weight, gradient):
     """Return the mean distance of light from surfaces, px, and store `weight` times its gradient.
 
     For a pixel with moments s, m and q of the parallax of its light and the surface at p, the distance is
@@ -95,9 +81,7 @@ def distance_to_surface(
 
 
 @kernel(f32_3, f32_3, f32_1, f64, f64, f64, f32_3)
-def exchange_inverse_depth(
-    inverse_depth: F32, rays: F32, bend: F32, beta: float, shrink: float, widest: float, out: F32
-) -> None:
+def exchange_inverse_depth(inverse_depth, rays, bend, beta, shrink, widest, out):
     """Store maps of inverse depth after an exchange of turning for travel, [K, H, W].
 
     Args:

@@ -7,29 +7,30 @@ Images are flat, [H * W * C]. Here: the kernels, in the order in which they run.
 from typing import Any, Final
 
 import warp as wp
+from warp import float32, float64, vec3
 
 from gs2ci.reconstruct.fit.kernels.device.kernels import CHUNK, PER_THREAD, SUMMED, sum_of_block
 from gs2ci.reconstruct.fit.losses.ssim import C1 as SSIM_C1
 from gs2ci.reconstruct.fit.losses.ssim import C2 as SSIM_C2
-from gs2ci.render.recording import TILED
+from gs2ci.render.recording import TILED, Doubles, Floats, Vectors
 
 wp.set_module_options({"enable_backward": False})
 
-C1 = wp.constant(wp.float32(SSIM_C1))
-C2 = wp.constant(wp.float32(SSIM_C2))
-LEAST_BOTTOM = wp.constant(wp.float32(0.5 * SSIM_C2))
+C1 = wp.constant(float32(SSIM_C1))
+C2 = wp.constant(float32(SSIM_C2))
+LEAST_BOTTOM = wp.constant(float32(0.5 * SSIM_C2))
 
 
 @wp.kernel
 def find_error(
-    predicted: wp.array(dtype=wp.float32),
-    target: wp.array(dtype=wp.float32),
-    fitted: wp.array(dtype=wp.float32),
+    predicted: Floats,
+    target: Floats,
+    fitted: Floats,
     saturated: wp.array(dtype=wp.uint8),
     channels: int,
-    per_exposure: wp.float32,
-    error: wp.array(dtype=wp.float32),
-    counted: wp.array(dtype=wp.float32),
+    per_exposure: float32,
+    error: Floats,
+    counted: Floats,
 ):
     """Store a prediction's error at the values that count, and which they are."""
     i = wp.tid()
@@ -44,31 +45,31 @@ def find_error(
 
 @wp.kernel
 def filter_down(
-    error: wp.array(dtype=wp.float32),
-    centred: wp.array(dtype=wp.float32),
-    taps: wp.array(dtype=wp.float32),
+    error: Floats,
+    centred: Floats,
+    taps: Floats,
     height: int,
     row: int,
-    out: wp.array(dtype=wp.vec3),
+    out: Vectors,
 ):
     """Filter e, e² and eb along columns; what lies outside the image counts as zero."""
     i = wp.tid()
     y = i // row
-    total = wp.vec3()
+    total = vec3()
     for k in range(1 - taps.shape[0], taps.shape[0]):
         if y + k >= 0 and y + k < height:
             e = error[i + k * row]
-            total += taps[wp.abs(k)] * wp.vec3(e, e * e, e * centred[i + k * row])
+            total += taps[wp.abs(k)] * vec3(e, e * e, e * centred[i + k * row])
     out[i] = total
 
 
 @wp.func
-def along(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: int, at: int, extent: int, step: int):
+def along(values: Vectors, taps: Floats, i: int, at: int, extent: int, step: int):
     """Filter along a line of the image through value i, which stands at `at` of 0 to `extent`, in steps of `step`.
 
     What lies outside the image counts as zero.
     """
-    total = wp.vec3()
+    total = vec3()
     for k in range(1 - taps.shape[0], taps.shape[0]):
         if at + k >= 0 and at + k < extent:
             total += taps[wp.abs(k)] * values[i + k * step]
@@ -76,22 +77,22 @@ def along(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: 
 
 
 @wp.func
-def across(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: int, row: int, channels: int):
+def across(values: Vectors, taps: Floats, i: int, row: int, channels: int):
     """Filter along a row."""
     return along(values, taps, i, (i % row) // channels, row // channels, channels)
 
 
 @wp.kernel
 def compare(
-    filtered: wp.array(dtype=wp.vec3),
-    mean: wp.array(dtype=wp.float32),
-    centred_mean: wp.array(dtype=wp.float32),
-    variance: wp.array(dtype=wp.float32),
-    taps: wp.array(dtype=wp.float32),
+    filtered: Vectors,
+    mean: Floats,
+    centred_mean: Floats,
+    variance: Floats,
+    taps: Floats,
     row: int,
     channels: int,
-    apart: wp.array(dtype=wp.float32),
-    partial: wp.array(dtype=wp.vec3),
+    apart: Floats,
+    partial: Vectors,
 ):
     """Store 1 - similarity, and the similarity's derivatives by filtered e, e² and eb."""
     i = wp.tid()
@@ -109,18 +110,18 @@ def compare(
     slope = (1.0 - darker) * per_bottom
     by_luminance = 2.0 * (darker * ma - fe) * per_means
     apart[i] = darker + unlike - darker * unlike
-    partial[i] = wp.vec3(
+    partial[i] = vec3(
         structure * by_luminance + 2.0 * slope * (fe - unlike * (cb + fe)), -(slope * structure), 2.0 * slope * unlike
     )
 
 
 @wp.kernel
 def filter_back_down(
-    partial: wp.array(dtype=wp.vec3),
-    taps: wp.array(dtype=wp.float32),
+    partial: Vectors,
+    taps: Floats,
     height: int,
     row: int,
-    out: wp.array(dtype=wp.vec3),
+    out: Vectors,
 ):
     """Filter derivatives along columns."""
     i = wp.tid()
@@ -129,49 +130,47 @@ def filter_back_down(
 
 @wp.kernel
 def find_gradient(
-    filtered: wp.array(dtype=wp.vec3),
-    error: wp.array(dtype=wp.float32),
-    centred: wp.array(dtype=wp.float32),
-    counted: wp.array(dtype=wp.float32),
-    taps: wp.array(dtype=wp.float32),
+    filtered: Vectors,
+    error: Floats,
+    centred: Floats,
+    counted: Floats,
+    taps: Floats,
     row: int,
     channels: int,
-    of_sign: wp.float32,
-    of_similarity: wp.float32,
-    gradient: wp.array(dtype=wp.float32),
+    of_sign: float32,
+    of_similarity: float32,
+    gradient: Floats,
 ):
     """Store the loss's gradient: that of the absolute error and that of the similarity."""
     i = wp.tid()
     by = across(filtered, taps, i, row, channels)
     e = error[i]
-    sign = wp.float32(0.0)
+    sign = float32(0.0)
     if e != 0.0:
         sign = wp.sign(e)
     gradient[i] = of_sign * sign - of_similarity * counted[i] * (by[0] + 2.0 * e * by[1] + centred[i] * by[2])
 
 
 @wp.kernel(module="unique", module_options=TILED)
-def sum_errors(error: wp.array(dtype=wp.float32), apart: wp.array(dtype=wp.float32), sums: wp.array(dtype=wp.vec2d)):
+def sum_errors(error: Floats, apart: Floats, sums: wp.array(dtype=wp.vec2d)):
     """Sum absolute errors and 1 - similarity block by block."""
     block, lane = wp.tid()
-    total = wp.float64(0.0)
-    unlike = wp.float64(0.0)
+    total = float64(0.0)
+    unlike = float64(0.0)
     for k in range(PER_THREAD):
         i = block * CHUNK + k * SUMMED + lane
         if i < error.shape[0]:
-            total += wp.float64(wp.abs(error[i]))
-            unlike += wp.float64(apart[i])
+            total += float64(wp.abs(error[i]))
+            unlike += float64(apart[i])
     both = wp.vec2d(sum_of_block(total), sum_of_block(unlike))
     if lane == 0:
         sums[block] = both
 
 
 @wp.kernel
-def find_loss(
-    sums: wp.array(dtype=wp.vec2d), of_error: wp.float64, of_unlike: wp.float64, loss: wp.array(dtype=wp.float64)
-):
+def find_loss(sums: wp.array(dtype=wp.vec2d), of_error: float64, of_unlike: float64, loss: Doubles):
     """Weigh the two sums, by one thread."""
-    total = wp.float64(0.0)
+    total = float64(0.0)
     for block in range(sums.shape[0]):
         total += of_error * sums[block][0] + of_unlike * sums[block][1]
     loss[0] = total

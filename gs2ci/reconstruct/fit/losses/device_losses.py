@@ -5,32 +5,17 @@ GPU so far. Here: the arrays, and the order of the kernels. Not here: the kernel
 compute so (`ssim.py`), the term's weights and the target's statistics, which are the host's (`objective.DataTerm`).
 """
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 import warp as wp
-from numpy.typing import NDArray
 from torch import Tensor
 
-from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.fit.kernels.device import kernels
 from gs2ci.reconstruct.fit.losses import device_loss_kernels as loss_kernels
-from gs2ci.reconstruct.fit.losses.ssim import SimilarityTo
+from gs2ci.reconstruct.fit.losses.objective import DataTerm
 from gs2ci.render.recording import Launcher, Recording
-
-
-class HostTerm(Protocol):
-    """What a data term of the host tells of itself (`objective.DataTerm`)."""
-
-    shape: tuple[int, ...]
-    fitted: F32
-    per_exposure: np.float32
-    target: F32
-    saturated: NDArray[Any] | None
-    similarity_weight: float
-    similarity: SimilarityTo
-    per_value: float
 
 
 class DataTermOnDevice:
@@ -41,7 +26,7 @@ class DataTermOnDevice:
         device: Where predictions lie.
     """
 
-    def __init__(self, term: HostTerm, device: torch.device) -> None:
+    def __init__(self, term: DataTerm, device: torch.device) -> None:
         def there(array: Any, kind: Any = np.float32) -> Tensor:
             return torch.from_numpy(np.array(array, dtype=kind).reshape(-1)).to(device)
 

@@ -107,23 +107,6 @@ class DataTerm:
         result: F32 = self.similarity.dissimilarity(self.target + error) * counted.any(axis=2)
         return result
 
-    def __call__(self, predicted: Tensor) -> Tensor:
-        """Return the loss of a predicted measurement [H, W, C] as a differentiable scalar."""
-        loss: Tensor = _DataTermFunction.apply(predicted, self)  # type: ignore[no-untyped-call]
-        return loss
-
-
-class _DataTermFunction(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, predicted: Tensor, term: DataTerm) -> Tensor:
-        value, gradient = term.value_and_gradient(predicted.detach().numpy())
-        ctx.gradient = torch.from_numpy(gradient)
-        return predicted.new_tensor(value)
-
-    @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None]:
-        return ctx.gradient * upstream, None
-
 
 def add_regularisers(scene: Gaussians, weights: LossWeights) -> float | Tensor:
     """Return the weighted mean opacity and mean size of a scene, and add their gradient to the scene's.

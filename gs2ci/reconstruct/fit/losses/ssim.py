@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.kernels import f32, f32_1, f64_1, helper, i64, in_parts, kernel
+from gs2ci.core.kernels import f32, f32_1, f32_2, f64_1, helper, i64, in_parts, kernel
 from gs2ci.reconstruct.fit.kernels.lane_sum import sum_in_lanes
 from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, store
 
@@ -71,16 +71,13 @@ def _filter_row(image: F32, y: int, height: int, taps: F32, channels: int, scrat
 
 
 @helper()
-def _compare_16(
-    at: int, fe: Any, ee: Any, eb: Any, mean: F32, centred: F32, variance: F32, partial: F32, apart: F32
-) -> None:
+def _compare_16(at: int, fe: Any, ee: Any, eb: Any, of_target: F32, partial: F32, apart: F32) -> None:
     """Turn filtered e, e² and eb of 16 values into 1 - similarity and the similarity's derivatives by them."""
-    plane = len(apart)
-    mb, cb = load(mean, at), load(centred, at)
+    mb, cb = load(of_target[0], at), load(of_target[1], at)
     ma = mb + fe
     difference = maximum(ee - fe * fe, _ZERO)
     # Round-off can push a variance of a flat, very bright window below zero.
-    bottom = load(variance, at) * _TWO + (eb - fe * cb) * _TWO + difference + _C2
+    bottom = load(of_target[2], at) * _TWO + (eb - fe * cb) * _TWO + difference + _C2
     per_bottom = broadcast(_ONE) / maximum(bottom, _LEAST_BOTTOM)
     unlike = difference * per_bottom
     per_means = broadcast(_ONE) / (ma * ma + mb * mb + _C1)
@@ -89,70 +86,40 @@ def _compare_16(
     slope = luminance * per_bottom
     by_luminance = (darker * ma - fe) * _TWO * per_means
     store(apart, at, darker + unlike - darker * unlike)
-    store(partial, at, structure * by_luminance + slope * _TWO * (fe - unlike * (cb + fe)))
-    store(partial, plane + at, -slope * structure)
-    store(partial, 2 * plane + at, slope * _TWO * unlike)
+    store(partial[0], at, structure * by_luminance + slope * _TWO * (fe - unlike * (cb + fe)))
+    store(partial[1], at, -slope * structure)
+    store(partial[2], at, slope * _TWO * unlike)
 
 
-@kernel(i64, i64, i64, i64, f32_1, f32_1, f32_1, f32_1, f32_1, f32_1, f32_1, i64, f32_1, f32_1, f64_1)
-def _compare(
-    from_row: int,
-    to_row: int,
-    height: int,
-    width: int,
-    error: F32,
-    squares: F32,
-    products: F32,
-    mean: F32,
-    centred: F32,
-    variance: F32,
-    taps: F32,
-    channels: int,
-    partial: F32,
-    apart: F32,
-    sums: F64,
-) -> None:
-    """Store 1 - similarity, its sums per row, and its derivatives by filtered e, e² and eb, [3, H, P]; P >= W * C."""
-    padded, plane = len(error) // height, len(error)
-    e, ee, eb = np.empty(padded, np.float32), np.empty(padded, np.float32), np.empty(padded, np.float32)
+@kernel(i64, i64, i64, i64, f32_2, f32_2, f32_1, i64, f32_2, f32_1, f64_1)
+def _compare(from_row, to_row, height, width, terms, of_target, taps, channels, partial, apart, sums):
+    """Store 1 - similarity, its sums per row, and its derivatives by filtered e, e² and eb, [3, H * P]; P >= W * C."""
+    padded = len(apart) // height
+    filtered = np.empty((3, padded), np.float32)
     scratch = np.zeros(padded + 2 * (len(taps) - 1) * channels, np.float32)
     for y in range(from_row, to_row):
-        _filter_row(error, y, height, taps, channels, scratch, e)
-        _filter_row(squares, y, height, taps, channels, scratch, ee)
-        _filter_row(products, y, height, taps, channels, scratch, eb)
-        for b in range(0, padded, LANES):
-            of_e, of_ee, of_eb = load(e, b), load(ee, b), load(eb, b)
-            _compare_16(y * padded + b, of_e, of_ee, of_eb, mean, centred, variance, partial, apart)
-        # What rounds rows up to whole vectors does not count.
         for k in range(3):
-            partial[k * plane + y * padded + width : k * plane + (y + 1) * padded] = _ZERO
+            _filter_row(terms[k], y, height, taps, channels, scratch, filtered[k])
+        for b in range(0, padded, LANES):
+            of_e, of_ee, of_eb = load(filtered[0], b), load(filtered[1], b), load(filtered[2], b)
+            _compare_16(y * padded + b, of_e, of_ee, of_eb, of_target, partial, apart)
+        # What rounds rows up to whole vectors does not count.
+        partial[:, y * padded + width : (y + 1) * padded] = _ZERO
         sums[y] = sum_in_lanes(apart[y * padded : y * padded + width])
 
 
-@kernel(i64, i64, i64, f32_1, f32_1, f32_1, f32_1, i64, f32, f32_1)
-def _gradient(
-    from_row: int,
-    to_row: int,
-    height: int,
-    error: F32,
-    target: F32,
-    partial: F32,
-    taps: F32,
-    channels: int,
-    scale: float,
-    out: F32,
-) -> None:
+@kernel(i64, i64, i64, f32_1, f32_1, f32_2, f32_1, i64, f32, f32_1)
+def _gradient(from_row, to_row, height, error, target, partial, taps, channels, scale, out):
     """Chain the derivatives through the filter, which is its own adjoint under zero padding."""
-    padded, plane = len(error) // height, len(error)
-    by_e, by_ee, by_eb = np.empty(padded, np.float32), np.empty(padded, np.float32), np.empty(padded, np.float32)
+    padded = len(error) // height
+    by = np.empty((3, padded), np.float32)
     scratch = np.zeros(padded + 2 * (len(taps) - 1) * channels, np.float32)
     for y in range(from_row, to_row):
-        _filter_row(partial[:plane], y, height, taps, channels, scratch, by_e)
-        _filter_row(partial[plane : 2 * plane], y, height, taps, channels, scratch, by_ee)
-        _filter_row(partial[2 * plane :], y, height, taps, channels, scratch, by_eb)
+        for k in range(3):
+            _filter_row(partial[k], y, height, taps, channels, scratch, by[k])
         for b in range(0, padded, LANES):
             at = y * padded + b
-            chained = load(by_e, b) + load(error, at) * _TWO * load(by_ee, b) + load(target, at) * load(by_eb, b)
+            chained = load(by[0], b) + load(error, at) * _TWO * load(by[1], b) + load(target, at) * load(by[2], b)
             store(out, at, chained * scale)
 
 
@@ -181,9 +148,9 @@ class SimilarityTo:
             for each in (exact, exact * exact)
         )
         of_target = (mean, mean - middle, mean_square - mean * mean)
-        self._of_target = tuple(self._in_rows(one.astype(np.float32)) for one in of_target)
+        self._of_target = np.stack([self._in_rows(one.astype(np.float32)) for one in of_target])
         self._centred = self._in_rows((exact - middle).astype(np.float32))
-        self._partial = np.empty(3 * self._target.size, np.float32)
+        self._partial = np.empty_like(self._of_target)
         self._apart, self._gradient = np.empty_like(self._target), np.empty_like(self._target)
 
     def _in_rows(self, image: F32) -> F32:
@@ -221,8 +188,9 @@ class SimilarityTo:
         """Compare as `_compare` does; return the sum of 1 − SSIM."""
         height = self._shape[0]
         sums = np.empty(height, np.float64)
-        given = (error, error * error, error * self._centred, *self._of_target, self._taps, self._shape[2])
-        in_parts(_compare, height, height, self._width, *given, self._partial, self._apart, sums)
+        terms = np.stack([error, error * error, error * self._centred])
+        given = (terms, self._of_target, self._taps, self._shape[2], self._partial, self._apart, sums)
+        in_parts(_compare, height, height, self._width, *given)
         return float(sums.sum())
 
     def __call__(self, image: F32) -> tuple[float, F32]:

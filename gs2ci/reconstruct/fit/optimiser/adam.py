@@ -16,41 +16,24 @@ from torch import Tensor
 from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.gaussian_kernels import adam_step
 
-_DECAY: Final = 0.9
-_SQUARE_DECAY: Final = 0.999
+DECAY: Final = 0.9
+SQUARE_DECAY: Final = 0.999
 # Gradients of a mean over pixels are as small as 1e-9 per Gaussian; with the usual 1e-8 the steps would vanish.
 _EPSILON: Final = 1e-15
 
 
-@dataclass(frozen=True, eq=False)
-class AdamState:
-    """The number of steps made, and the moments; None before the first."""
-
-    steps: int
-    mean: Tensor | None
-    square: Tensor | None
-
-    def on(self, device: torch.device) -> "AdamState":
-        """Return the same on a device."""
-        moments = (None if one is None else one.to(device) for one in (self.mean, self.square))
-        return AdamState(self.steps, *moments)
-
-
+@dataclass(eq=False)
 class Adam:
-    """The moments of one parameter's gradients."""
+    """The number of steps made, and the moments of one parameter's gradients; None before the first."""
 
-    def __init__(self) -> None:
-        self._steps = 0
-        self._mean: Tensor | None = None
-        self._square: Tensor | None = None
+    steps: int = 0
+    mean: Tensor | None = None
+    square: Tensor | None = None
 
-    def state(self) -> AdamState:
-        """Return the moments as they are; the next step changes their numbers."""
-        return AdamState(self._steps, self._mean, self._square)
-
-    def resume(self, state: AdamState) -> None:
-        """Go on from the moments of another."""
-        self._steps, self._mean, self._square = state.steps, state.mean, state.square
+    def resume(self, other: "Adam", device: torch.device | None = None) -> None:
+        """Go on from the moments of another, on a device; None: where they are."""
+        self.steps = other.steps
+        self.mean, self.square = (None if one is None else one.to(device) for one in (other.mean, other.square))
 
     def step(self, parameter: Tensor, rate: float) -> None:
         """Move a parameter against its gradient, in place; without a gradient it stays.
@@ -70,38 +53,25 @@ class Adam:
             gradient: By them.
             rate: The step size.
         """
-        mean, square, constants = self.counted(values, rate)
-        numbers = [one.view(-1) for one in (values, gradient, mean, square)]
+        if self.mean is None or self.square is None:
+            zeros = torch.zeros_like(values)
+            self.mean, self.square = zeros, zeros.clone()
+        self.steps += 1
+        numbers = [one.view(-1) for one in (values, gradient, self.mean, self.square)]
+        constants = (
+            *(1 - DECAY, SQUARE_DECAY, 1 - SQUARE_DECAY),
+            *((1 - SQUARE_DECAY**self.steps) ** -0.5, _EPSILON, rate / (1 - DECAY**self.steps)),
+        )
         if values.dtype == torch.float32:
             call(adam_step, *numbers, np.array(constants, np.float32))
         else:  # the Gaussians' are many, and in float32; what is in float64 has a few hundred numbers, on the host
             value, slope, first, second = (one.numpy() for one in numbers)
             _adam_step(value, slope, first, second, np.array(constants))
 
-    def counted(self, values: Tensor, rate: float) -> tuple[Tensor, Tensor, tuple[float, ...]]:
-        """Count one more step, which the caller makes; return the moments, which it updates, and `adam_step`'s numbers.
-
-        Args:
-            values: As for `move`.
-            rate: As for `move`.
-        """
-        if self._mean is None or self._square is None:
-            zeros = torch.zeros_like(values)
-            self._mean, self._square = zeros, zeros.clone()
-        self._steps += 1
-        return (
-            self._mean,
-            self._square,
-            (
-                *(1 - _DECAY, _SQUARE_DECAY, 1 - _SQUARE_DECAY),
-                *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
-            ),
-        )
-
     def widen(self, columns: int) -> None:
         """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""
-        if self._mean is not None and self._square is not None:
-            self._mean, self._square = (_columns(one, columns) for one in (self._mean, self._square))
+        if self.mean is not None and self.square is not None:
+            self.mean, self.square = (_columns(one, columns) for one in (self.mean, self.square))
 
     def follow(self, source: Tensor, *, forget: bool) -> None:
         """Continue with other rows of the parameter.
@@ -110,11 +80,11 @@ class Adam:
             source: [G'] int64: which of the present rows each new one continues, or -1 if its moments start at zero.
             forget: Whether all moments start at zero.
         """
-        if self._mean is not None:
-            source = source.to(self._mean.device)
+        if self.mean is not None:
+            source = source.to(self.mean.device)
         kept = source >= 0
-        if self._mean is not None and self._square is not None:
-            self._mean, self._square = (_rows(one, source, kept, forget) for one in (self._mean, self._square))
+        if self.mean is not None and self.square is not None:
+            self.mean, self.square = (_rows(one, source, kept, forget) for one in (self.mean, self.square))
 
 
 def _adam_step(

@@ -4,19 +4,18 @@ Here: step sizes and their schedule, and the bookkeeping that keeps Adam's momen
 added or removed. Not here: which are added or removed (`density/`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.optimiser.adam import Adam, AdamState
+from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.reconstruct.fit.optimiser.poses import LengthUnit
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView, ViewAdam, ViewSteps
 from gs2ci.render.gaussians import Gaussians, all_finite
 from gs2ci.render.harmonics import SH_DC, coefficients, degree_of
-from gs2ci.render.places import on_device
 
 # Adam's steps below are those of a schedule of so many iterations; a shorter schedule has to cover the same distance in
 # fewer, longer steps. At 50 iterations three times the step gains 0.1 to 0.9 dB over twice the step, at 25 three and a
@@ -24,7 +23,6 @@ from gs2ci.render.places import on_device
 NATURAL_ITERATIONS: Final = 600
 LARGEST_STRIDE: Final = 3.5
 _STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion_px", "harmonics")
-_OF_EVERY: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours")
 # Parameters whose steps shrink along the schedule.
 _SHRINKING: Final = ("means", "motion")
 
@@ -148,31 +146,12 @@ class GaussianOptimiser:
             damping: Further factor on every step size.
         """
         scene = self.scene
-        done = self._step_together(progress, damping) if on_device(scene.means) else ()
         for name, tensor in scene.parameters().items():
-            if name in done:
-                continue
             if name == "means" and self._in_view is not None:
                 self._in_view.step(scene.means, scene.log_scales, progress, damping)
             else:
                 self._adam[name].step(tensor, self._rate(name, progress) * damping)
         self.forget_gradient()
-
-    def _step_together(self, progress: float, damping: float) -> Sequence[str]:
-        """Step what every Gaussian has in one launch, on a device; return its names, none if a gradient is missing."""
-        parameters = [getattr(self.scene, name) for name in _OF_EVERY]
-        if any(one.grad is None for one in parameters):
-            return ()
-        from gs2ci.reconstruct.fit.kernels.device.calls import step_together  # noqa: PLC0415  an extra
-
-        rates = {name: self._rate(name, progress) * damping for name in _OF_EVERY}
-        view = None
-        if self._in_view is not None:
-            rates["means"], view = damping, self._in_view.coordinates(progress)
-        counted = [self._adam[name].counted(one, rates[name]) for name, one in zip(_OF_EVERY, parameters, strict=True)]
-        means, squares, constants = zip(*counted, strict=True)
-        step_together(parameters, means, squares, constants, view)
-        return _OF_EVERY
 
     def hold(self, rows: Tensor) -> None:
         """Discard the gradients of some Gaussians, [G] bool, so that the next step changes only the others."""
@@ -222,15 +201,15 @@ class GaussianOptimiser:
             adam.follow(source, forget=name in forget)
         self.scene = _leaves(scene)
 
-    def state(self) -> dict[str, AdamState]:
+    def state(self) -> dict[str, Adam]:
         """Return the moments of each parameter; the next step changes their numbers."""
-        return {name: adam.state() for name, adam in self._adam.items()}
+        return {name: replace(adam) for name, adam in self._adam.items()}
 
-    def resume(self, scene: Gaussians, moments: Mapping[str, AdamState]) -> None:
+    def resume(self, scene: Gaussians, moments: Mapping[str, Adam]) -> None:
         """Go on from the state of another."""
         self.restore(scene)
-        for name, state in moments.items():
-            self._adam[name].resume(state.on(scene.means.device))
+        for name, adam in moments.items():
+            self._adam[name].resume(adam, scene.means.device)
 
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""

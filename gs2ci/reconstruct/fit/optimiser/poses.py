@@ -4,7 +4,7 @@ Here: the parameters, their optimiser and its schedule, the lengths that step si
 given poses. Not here: the initial poses, and the standard errors of given ones (`reconstruct.geometry`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, path_extent
 from gs2ci.reconstruct.fit.kernels.pose_kernels import correct_poses, twist_gradient
-from gs2ci.reconstruct.fit.optimiser.adam import Adam, AdamState
+from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render.adjoint import Image
 from gs2ci.render.gaussians import all_finite
@@ -55,10 +55,9 @@ class PoseSettings:
     given_weight: float = 2e-3
 
 
-def path_extent(world_to_camera: F64) -> float:
+def path_length(world_to_camera: F64) -> float:
     """Return the diameter of a camera path, [N, 4, 4], with a floor for a camera that hardly moves."""
-    centres = camera_centres(world_to_camera)
-    return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), LEAST_EXTENT)
+    return max(path_extent(world_to_camera), LEAST_EXTENT)
 
 
 def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
@@ -66,7 +65,7 @@ def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
     if unit == "median depth":
         return 1.0
     if unit == "path diameter":
-        return path_extent(world_to_camera)
+        return path_length(world_to_camera)
     centres = camera_centres(world_to_camera)
     return max(float(np.abs(centres - centres.mean(axis=0)).max()), LEAST_EXTENT / 2)
 
@@ -78,7 +77,7 @@ class PosesState:
     twists: Tensor
     gradient: Tensor | None
     accumulated: int
-    adam: AdamState | None
+    adam: Adam | None
 
 
 class PoseCorrections:
@@ -175,7 +174,7 @@ class PoseCorrections:
 
     def state(self) -> PosesState:
         """Return the twists and what their next step follows from."""
-        adam = None if self._adam is None else self._adam.state()
+        adam = None if self._adam is None else replace(self._adam)
         return PosesState(self._twists.detach(), self._twists.grad, self._accumulated, adam)
 
     def resume(self, state: PosesState) -> None:

@@ -23,10 +23,10 @@ from torch import Tensor
 from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
-from gs2ci.core.kernels import f32_2, f64, f64_2, helper, kernel
+from gs2ci.core.kernels import f32_2, f64, f64_2, kernel
 from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.distances import MOST_GROWTH, most_growth
-from gs2ci.reconstruct.fit.kernels.relief_kernels import seen_from
+from gs2ci.reconstruct.fit.kernels.relief_kernels import seen_from, turned
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.render.conventions import NEAR
 
@@ -104,17 +104,11 @@ class ViewAdam:
         gradient, moved = torch.empty_like(places), torch.zeros_like(places)
         call(gradient_in_view, places, means.grad.contiguous(), by_sizes, self._view.pose, NEAR, gradient)
         self._moments.move(moved, gradient, damping)
-        call(move_in_view, places, sizes, moved, *self.coordinates(progress))
-
-    def coordinates(self, progress: float) -> tuple[F64, float, float, float]:
-        """Return the view's pose, the least depth and the units, as `move_in_view` takes them."""
-        return self._view.pose, NEAR, *self._view.units(self._steps, progress)
+        call(move_in_view, places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress))
 
 
 @kernel(f32_2, f32_2, f32_2, f64_2, f64, f32_2)
-def gradient_in_view(
-    means: Numbers, by_means: Numbers, by_log_scales: Numbers, pose: F64, near: float, gradient: Numbers
-) -> None:
+def gradient_in_view(means, by_means, by_log_scales, pose, near, gradient):
     """Store the gradient by (x/z, y/z, 1/z), sizes in the picture being fixed, given those by means and log sizes.
 
     Behind the view, or nearer than `near`, the coordinates are those of the camera instead, x, y, z.
@@ -129,7 +123,7 @@ def gradient_in_view(
     """
     for g in range(len(means)):
         x, y, z = seen_from(means, pose, g)
-        dx, dy, dz = _turned(by_means, pose, g)
+        dx, dy, dz = turned(by_means, pose, g)
         if z <= near:
             gradient[g, 0], gradient[g, 1], gradient[g, 2] = dx, dy, dz
             continue
@@ -139,15 +133,7 @@ def gradient_in_view(
 
 
 @kernel(f32_2, f32_2, f32_2, f64_2, f64, f64, f64)
-def move_in_view(
-    means: Numbers,
-    log_scales: Numbers,
-    steps: Numbers,
-    pose: F64,
-    near: float,
-    across: float,
-    inverse: float,
-) -> None:
+def move_in_view(means, log_scales, steps, pose, near, across, inverse):
     """Add steps to the coordinates of `gradient_in_view`, in place, within the bounds of `distances`.
 
     Args:
@@ -179,14 +165,3 @@ def move_in_view(
                 log_scales[g, j] += larger
         for j in range(3):
             means[g, j] += moved[0] * pose[0, j] + moved[1] * pose[1, j] + moved[2] * pose[2, j]
-
-
-@helper()
-def _turned(by_means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
-    """Return a Gaussian's gradient, a row of [G, 3], in the axes of a camera."""
-    x, y, z = by_means[g, 0], by_means[g, 1], by_means[g, 2]
-    return (
-        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z,
-        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z,
-        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z,
-    )

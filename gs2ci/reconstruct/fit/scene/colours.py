@@ -15,9 +15,6 @@ from pydantic import Field
 from gs2ci.core.bounds import Bounded
 from gs2ci.render.harmonics import DEGREE_MAX
 
-# Tolerance for rounding: the quotient of two shares of a schedule may be a whole number up to rounding.
-_ROUNDING = 1e-9
-
 
 @dataclass(frozen=True)
 class ColourSettings(Bounded):
@@ -33,4 +30,5 @@ class ColourSettings(Bounded):
 
     def at(self, share: float) -> int:
         """Return the degree of colours after a share of the schedule."""
-        return min(self.degree, math.floor(share / self.every + _ROUNDING))
+        # The quotient of two shares of a schedule may be a whole number up to rounding.
+        return min(self.degree, math.floor(share / self.every + 1e-9))

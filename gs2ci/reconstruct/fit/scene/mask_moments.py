@@ -24,7 +24,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.cameras import in_world
+from gs2ci.core.cameras import in_camera, in_world
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
@@ -32,20 +32,15 @@ from gs2ci.core.run_figures import MaskMomentsSection
 from gs2ci.reconstruct.choices import WithinMask
 from gs2ci.reconstruct.fit.scene.moment_gradient import MomentsOfPath
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.render import se3
 
 # Motion is measured at one in so many pixels of the middle view, along rows and columns.
 _STRIDE_PX: Final = 3
-# A path needs at least two poses.
-LEAST_POSES: Final = 2
 # If the image moves by more than this share of its shorter side while one mask is displayed, neighbouring views share
 # too little for any path to be estimated from them: such a path is an error, and one pose for each mask does less harm.
 _FARTHEST: Final = 0.5
 # With more motion within a mask, px, moments recover only part of the detail along it: 2.8 px cost 2.7 dB, 5.6 px 4.4
 # (`python -m tests.stability --only motion:`). From here on smeared views can be recognised, too (`smear.py`).
 _BLURS_PX: Final = 3.0
-# The mean of |offset| over an interval of length d about its middle is d / 4.
-_MEAN_OFFSET: Final = 0.25
 
 
 def mask_times(views: int) -> Tensor:
@@ -162,21 +157,8 @@ class MaskMoments:
         shares = 1 / torch.tensor(self.moments, dtype=transmissions.dtype)
         return (transmissions * shares[:, None, None])[self.of_mask]
 
-    def poses(self, world_to_camera: Tensor) -> Tensor:
-        """Return the pose at every moment, [V, 4, 4], from those in the middle of each mask, [N, 4, 4].
-
-        Differentiable; a mask of one moment keeps its pose bit by bit.
-        """
-        here = self.of_mask
-        if self.count == len(self.moments):
-            return world_to_camera
-        along = path_twists(world_to_camera, self.offsets.to(world_to_camera.dtype), here)
-        moved = se3.exp(along) @ world_to_camera[here]
-        alone = torch.tensor(self.moments)[here] == 1
-        return torch.where(alone[:, None, None], world_to_camera[here], moved)
-
     def along(self, world_to_camera: Tensor) -> MomentsOfPath:
-        """Return the same poses with a gradient by a call, for a fit; a mask more than one moment has somewhere."""
+        """Return the poses at every moment, with their gradient, from those in the middle of each mask, [N, 4, 4]."""
         here = self.of_mask.numpy()
         alone = np.asarray(self.moments)[here] == 1
         return MomentsOfPath(world_to_camera.detach().numpy(), self.offsets.numpy(), here, alone)
@@ -193,27 +175,6 @@ class MaskMoments:
         return MaskMomentsSection(list(self.moments), list(self.motion_px), list(self.bounds))
 
 
-def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Tensor:
-    """Return the twists of the camera from a mask's pose to other moments, [V, 6].
-
-    Args:
-        world_to_camera: Poses in the middle of each mask, [N, 4, 4], N at least 2.
-        offsets: Times from the middle of the mask, in intervals between masks, [V].
-        of_mask: The mask of each, [V].
-
-    Quadratic in time through the poses before and after; at both ends the acceleration is that of the next mask.
-    """
-    steps = se3.log(world_to_camera[1:] @ _inverse(world_to_camera[:-1]))
-    if len(steps) == 1:
-        before = after = steps.expand(2, 6)
-    else:
-        before = torch.cat([2 * steps[:1] - steps[1:2], steps])
-        after = torch.cat([steps, 2 * steps[-1:] - steps[-2:-1]])
-    speed, change = (after + before) / 2, (after - before) / 2
-    when = offsets[:, None]
-    return when * speed[of_mask] + when**2 * change[of_mask]
-
-
 def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMomentSettings) -> MaskMoments | None:
     """Return the moments that a path requires; None if one for each mask is enough.
 
@@ -224,7 +185,7 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMoment
         settings: What is tolerated; unless they say that the camera moves, one moment is enough.
     """
     path = geometry.world_to_camera
-    if len(path) < LEAST_POSES or settings.within_mask != "moving":
+    if len(path) < 2 or settings.within_mask != "moving":
         return None
     motion, found = bounds(geometry, path, views[geometry.reference], open_share)
     if motion.max() > _FARTHEST * min(geometry.inverse_depth.shape):
@@ -271,7 +232,8 @@ def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64)
     for moved in within:
         shown = np.isfinite(moved).all(axis=1)
         motion.append(_rms(moved[shown]) * math.sqrt(2))
-        found.append(_MEAN_OFFSET * _rms((slopes[shown] * moved[shown, None]).sum(axis=-1)))
+        # The mean of |offset| over an interval of length d about its middle is d / 4.
+        found.append(_rms((slopes[shown] * moved[shown, None]).sum(axis=-1)) / 4)
     return np.array(motion), np.array(found)
 
 
@@ -285,27 +247,19 @@ def _within_masks(
     rays = pixels @ np.linalg.inv(geometry.intrinsics).T
     in_middle = rays / geometry.inverse_depth[rows, columns].astype(np.float64)[:, None]
     points = in_world(in_middle, world_to_camera[geometry.reference])
-    masks = torch.arange(len(world_to_camera))
-    path = torch.from_numpy(world_to_camera)
-    half = torch.from_numpy(np.asarray(open_share, np.float64)) / 2
-    first, last = ((se3.exp(path_twists(path, at, masks)) @ path).numpy() for at in (-half, half))
+    masks, half = np.arange(len(world_to_camera)), np.asarray(open_share, np.float64) / 2
+    first, last = (MomentsOfPath(world_to_camera, at, masks, masks < 0).exact for at in (-half, half))
     seen = ([_seen(points, pose, geometry.intrinsics) for pose in poses] for poses in (first, last))
     return rows, columns, [after - before for before, after in zip(*seen, strict=True)]
 
 
 def _seen(points: F64, pose: F64, intrinsics: F64) -> F64:
     """Project world points, [P, 3], to pixels, [P, 2]; NaN behind the camera."""
-    in_camera = points @ pose[:3, :3].T + pose[:3, 3]
-    depth = in_camera[:, 2:]
-    seen: F64 = (in_camera / np.where(depth > 0, depth, np.nan) @ intrinsics.T)[:, :2]
+    there = in_camera(points, pose)
+    depth = there[:, 2:]
+    seen: F64 = (there / np.where(depth > 0, depth, np.nan) @ intrinsics.T)[:, :2]
     return seen
 
 
 def _rms(values: F64) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-
-
-def _inverse(poses: Tensor) -> Tensor:
-    turned = poses[:, :3, :3].transpose(1, 2)
-    top = torch.cat([turned, -turned @ poses[:, :3, 3:]], dim=2)
-    return torch.cat([top, poses[:, 3:]], dim=1)

@@ -1,7 +1,8 @@
 """Poses at the moments of masks, and the gradient by the masks' poses given theirs, without a graph.
 
 The poses at moments are T_m = exp(d_m) T_n, where d_m = t v_n + t^2 c_n and the speed v_n and its change c_n are linear
-in the steps s_k = log(T_k+1 T_k^-1) before and after mask n (`mask_moments.path_twists`). Gradients by twists e applied
+in the steps s_k = log(T_k+1 T_k^-1) before and after mask n: quadratic in time through the poses before and after; at
+both ends the acceleration is that of the next mask. Gradients by twists e applied
 after a pose, T -> exp(e) T, follow from the left Jacobian J of exp and from Ad, both power series of
 ad(rho, phi) = [[phi]x, [rho]x; 0, [phi]x] (Sola, Deray, Atchuthan 2018, eqs. 83, 144, 179):
 
@@ -28,16 +29,17 @@ class MomentsOfPath:
     """The poses at the moments of all masks.
 
     Args:
-        world_to_camera: In the middle of each mask, [N, 4, 4] float32, N at least 2.
+        world_to_camera: In the middle of each mask, [N, 4, 4], N at least 2.
         offsets: Times of the moments from the middle of the mask, in intervals between masks, [V].
         of_mask: The mask of each, [V].
         alone: Whether it is the only one of its mask, which keeps its pose to the bit, [V].
 
     Attributes:
         poses: [V, 4, 4] float32.
+        exact: The same in float64, those of masks with one moment as well.
     """
 
-    def __init__(self, world_to_camera: F32, offsets: F64, of_mask: I64, alone: Bool) -> None:
+    def __init__(self, world_to_camera: F32 | F64, offsets: F64, of_mask: I64, alone: Bool) -> None:
         self._path, self._offsets, self._of_mask = world_to_camera.astype(np.float64), offsets, of_mask
         self._steps = _log(self._path[1:] @ np.linalg.inv(self._path[:-1]))
         before, after = np.zeros((2, len(world_to_camera), 6))
@@ -50,8 +52,8 @@ class MomentsOfPath:
         moved = np.tile(np.eye(4), (len(twists), 1, 1))
         moved[:, :3, :3] = self._adjoint[:, :3, :3]
         moved[:, :3, 3:] = self._jacobian[:, :3, :3] @ twists[:, :3, None]
-        self._moments = moved @ self._path[of_mask]
-        self.poses = self._moments.astype(np.float32)
+        self.exact = moved @ self._path[of_mask]
+        self.poses = self.exact.astype(np.float32)
         self.poses[alone] = world_to_camera[of_mask[alone]]
 
     def by_path(self, by_moments: F32) -> F32:
@@ -61,7 +63,7 @@ class MomentsOfPath:
             by_moments: The gradient by the poses at the moments, [V, 4, 4].
         """
         count, when = len(self._path), self._offsets[:, None]
-        own = _by_twists(self._moments, by_moments.astype(np.float64))
+        own = _by_twists(self.exact, by_moments.astype(np.float64))
         along = _transposed(self._jacobian, own)
         by_pose, by_speed, by_change = np.zeros((3, count, 6))
         np.add.at(by_pose, self._of_mask, _transposed(self._adjoint, own))
@@ -117,8 +119,8 @@ def _by_poses(poses: F64, by_twists: F64) -> F32:
 def _series(twists: F64) -> tuple[F64, F64]:
     """Return the left Jacobian of exp at twists, and the adjoint of exp, [V, 6, 6] each."""
     commutator = np.zeros((len(twists), 6, 6))
-    commutator[:, :3, :3] = commutator[:, 3:, 3:] = _cross_product(twists[:, 3:])
-    commutator[:, :3, 3:] = _cross_product(twists[:, :3])
+    commutator[:, :3, :3] = commutator[:, 3:, 3:] = np.cross(np.eye(3), twists[:, None, 3:])
+    commutator[:, :3, 3:] = np.cross(np.eye(3), twists[:, None, :3])
     power = np.broadcast_to(np.eye(6), commutator.shape)
     jacobian, adjoint = power.copy(), power.copy()
     angle, largest, k = float(np.linalg.norm(twists[:, 3:], axis=1).max()), 1.0, 0
@@ -129,14 +131,6 @@ def _series(twists: F64) -> tuple[F64, F64]:
         jacobian += power / (k + 1)
         largest = max(angle, _LEAST_TERM) ** (k - 1) / math.factorial(k - 1)
     return jacobian, adjoint
-
-
-def _cross_product(vectors: F64) -> F64:
-    """Return the matrices that multiply by vectors, [V, 3], [V, 3, 3]."""
-    found = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    found[:, 2, 1], found[:, 0, 2], found[:, 1, 0] = x, y, z
-    return found - found.transpose(0, 2, 1)
 
 
 def _transposed(matrices: F64, vectors: F64) -> F64:

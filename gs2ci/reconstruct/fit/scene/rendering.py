@@ -11,9 +11,10 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, mask_times
+from gs2ci.reconstruct.fit.scene.moment_gradient import MomentsOfPath
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.render.adjoint import Image, Pull, coded_with_pull
+from gs2ci.render.adjoint import Image, Pull, as_image, coded_with_pull
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -48,7 +49,7 @@ class ShotRenderer:
         self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
         self.times = mask_times(shot.views)
-        self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
+        self.transmissions = torch.from_numpy(shot.transmissions)
         self._backend = backend
         self.lens = lens
         self._sampling = None if lens is None else lens.sampling
@@ -94,23 +95,9 @@ class ShotRenderer:
         """Return a new object that holds what renderings of the same Gaussians may share."""
         return self._backend.reuse()
 
-    def measurement(
-        self,
-        scene: Gaussians,
-        world_to_camera: Tensor,
-        reuse: Reuse | None = None,
-        screen: ScreenStatistics | None = None,
-    ) -> Tensor:
-        """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]; differentiable.
-
-        For `reuse` and `screen` see `Backend.coded`.
-        """
-        poses, times = self._moments(world_to_camera)
-        poses = poses.to(scene.means.device)
-        image = self._backend.coded(scene, poses, self.intrinsics, self._mask_set, screen, reuse, times)
-        if self._channels is not None:
-            return coding.select(image, self._channels.to(image.device))
-        return image.mean(dim=2, keepdim=True) if self._mono else image
+    def measurement(self, scene: Gaussians, world_to_camera: Tensor, reuse: Reuse | None = None) -> Tensor:
+        """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]."""
+        return torch.as_tensor(self.measurement_with_pull(scene, world_to_camera, reuse)[0])
 
     def measurement_with_pull(
         self,
@@ -121,16 +108,10 @@ class ShotRenderer:
     ) -> tuple[Image, Pull]:
         """Render the coded measurement, [H, W, C]; also return the function that propagates its gradient back.
 
-        The function adds the gradient to the scene's, and returns that by the poses, [N, 4, 4]. Arguments as for
-        `measurement`. Images and gradients are arrays, or tensors on the device of a scene that lies on one.
+        The function adds the gradient to the scene's, and returns that by the poses, [N, 4, 4]. Images and gradients
+        are arrays, or tensors on the device of a scene that lies on one. For `reuse` and `screen` see `Backend.coded`.
         """
-        moments, times = world_to_camera.detach(), self.times
-        along = None
-        if self._one_picture:
-            moments, times = self._moments(moments)
-        elif self._mask_moments is not None:
-            along, times = self._mask_moments.along(moments), self._mask_moments.times
-            moments = torch.from_numpy(along.poses)
+        moments, times, along = self._moments(world_to_camera.detach())
         there = moments.to(scene.means.device)
         image, pull = coded_with_pull(
             self._backend, scene, there, self.intrinsics, self._mask_set, screen, reuse, times
@@ -138,13 +119,11 @@ class ShotRenderer:
 
         def pull_channels(gradient: Image) -> Image:
             by_moments: Image = pull(self._to_colours(gradient))
+            if self._one_picture:
+                return np.zeros(world_to_camera.shape, np.float32)
             return by_moments if along is None else along.by_path(torch.as_tensor(by_moments).cpu().numpy())
 
-        def pull_picture(gradient: Image) -> Image:
-            pull(self._to_colours(gradient))
-            return np.zeros(world_to_camera.shape, np.float32)
-
-        return self._to_channels(image), pull_picture if self._one_picture else pull_channels
+        return self._to_channels(image), pull_channels
 
     def coded_with_pull(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> tuple[Image, Pull]:
         """Render a sum of views, [V, 4, 4], of a scene that stands still under another mask set, [H, W, 3]."""
@@ -153,26 +132,18 @@ class ShotRenderer:
 
     def _to_channels(self, image: Image) -> Image:
         """Return a colour image, [H, W, 3], as the sensor sees it, [H, W, C]."""
-        if isinstance(image, Tensor):
-            if self._channels is not None:
-                return coding.select(image, self._channels.to(image.device))
-            return image.mean(dim=2, keepdim=True) if self._mono else image
+        given = torch.as_tensor(image)
         if self._channels is not None:
-            return np.take_along_axis(image, self._channels.numpy()[..., None], axis=2)
-        return image.mean(axis=2, keepdims=True) if self._mono else image
+            return as_image(coding.select(given, self._channels.to(given.device)))
+        return as_image(given.mean(dim=2, keepdim=True)) if self._mono else image
 
     def _to_colours(self, gradient: Image) -> Image:
         """Return the gradient by a colour image, [H, W, 3], from that by the sensor's image, [H, W, C]."""
-        if isinstance(gradient, Tensor):
-            if self._channels is not None:
-                spread_there = gradient.new_zeros(*gradient.shape[:2], 3)
-                return spread_there.scatter_(2, self._channels[..., None].to(gradient.device), gradient)
-            return (gradient / 3).repeat(1, 1, 3) if self._mono else gradient
+        given = torch.as_tensor(gradient)
         if self._channels is not None:
-            spread = np.zeros((*gradient.shape[:2], 3), np.float32)
-            np.put_along_axis(spread, self._channels.numpy()[..., None], gradient, axis=2)
-            return spread
-        return np.repeat(gradient / np.float32(3), 3, axis=2) if self._mono else gradient
+            spread = given.new_zeros(*given.shape[:2], 3)
+            return as_image(spread.scatter_(2, self._channels[..., None].to(given.device), given))
+        return as_image((given / 3).repeat(1, 1, 3)) if self._mono else gradient
 
     def code(self, masks: Tensor) -> MaskSet:
         """Prepare another mask set, [V, H, W]."""
@@ -197,20 +168,21 @@ class ShotRenderer:
             return np.repeat(self.views(scene, world_to_camera[:1]), len(world_to_camera), axis=0)
         if self._mask_moments is None:
             return self.views(scene, world_to_camera)
-        poses, times = self._moments(world_to_camera)
+        poses, times, _ = self._moments(world_to_camera)
         found = np.zeros((*self.transmissions.shape, 1 if self._mono else 3), np.float32)
         for mask, number in enumerate(self._mask_moments.of_mask.tolist()):
             one = self.views(scene, poses[mask : mask + 1], times[mask : mask + 1])
             found[number] += one[0] / self._mask_moments.moments[number]
         return found
 
-    def _moments(self, world_to_camera: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the poses and times of all moments, or of the one picture."""
+    def _moments(self, world_to_camera: Tensor) -> tuple[Tensor, Tensor, MomentsOfPath | None]:
+        """Return the poses and times of all moments, or of the one picture, and how masks' poses lead to them."""
         if self._one_picture:
-            return world_to_camera[:1], self.times[:1]
+            return world_to_camera[:1], self.times[:1], None
         if self._mask_moments is None:
-            return world_to_camera, self.times
-        return self._mask_moments.poses(world_to_camera), self._mask_moments.times
+            return world_to_camera, self.times, None
+        along = self._mask_moments.along(world_to_camera)
+        return torch.from_numpy(along.poses), self._mask_moments.times, along
 
     def images(
         self,

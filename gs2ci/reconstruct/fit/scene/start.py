@@ -19,7 +19,7 @@ INITIAL_OPACITY: Final = 0.3
 plane sweep lie on one surface, and a short schedule has no time to make it opaque."""
 _NEIGHBOURS: Final = 3  # as there: the mean distance to the three nearest
 # First Gaussians as large as the distance would blur the decode, and each would be blended into twice as many pixels.
-_SIZE_PER_DISTANCE: Final = 0.7
+SIZE_PER_DISTANCE: Final = 0.7
 # Duplicate points have distance 0, whose logarithm is infinite: no Gaussian starts smaller than this share of the
 # grid's spacing.
 _LEAST_SHARE_OF_SPACING: Final = 0.1
@@ -34,7 +34,7 @@ def first_gaussians(seeds: Seeds) -> Gaussians:
     Returns:
         P Gaussians, float32.
     """
-    sizes = _SIZE_PER_DISTANCE * _neighbour_distance(seeds.positions)
+    sizes = SIZE_PER_DISTANCE * _neighbour_distance(seeds.positions)
     sizes = np.maximum(sizes, _LEAST_SHARE_OF_SPACING * seeds.spacing)
     return round_gaussians(seeds.positions, sizes, INITIAL_OPACITY, seeds.colours)
 

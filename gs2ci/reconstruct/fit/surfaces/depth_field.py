@@ -23,14 +23,12 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.depth_field_kernels import gather_gradient, move_gaussians, move_map
+from gs2ci.reconstruct.fit.optimiser.adam import DECAY, SQUARE_DECAY
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
 # The knots lie between these quantiles of the inverse depths.
 _QUANTILES = (0.02, 0.98)
-# Of Adam's moments, as for all parameters of a fit.
-_DECAY = 0.9
-_SQUARE_DECAY = 0.999
 
 
 @dataclass(frozen=True)
@@ -145,11 +143,11 @@ class DepthField:
         whose depth the measurement hardly determines, would be as long as elsewhere.
         """
         self._turns += 1
-        self._mean += (1 - _DECAY) * (gradient - self._mean)
-        self._square += (1 - _SQUARE_DECAY) * (gradient**2 - self._square)
-        square = self._square / (1 - _SQUARE_DECAY**self._turns)
+        self._mean += (1 - DECAY) * (gradient - self._mean)
+        self._square += (1 - SQUARE_DECAY) * (gradient**2 - self._square)
+        square = self._square / (1 - SQUARE_DECAY**self._turns)
         root = np.sqrt(square + square.mean() + np.finfo(np.float64).tiny)
-        direction: F64 = self._mean / (1 - _DECAY**self._turns) / root
+        direction: F64 = self._mean / (1 - DECAY**self._turns) / root
         return direction
 
     def _over(self, scene: Gaussians, pose: F64) -> tuple[F64, F64]:

@@ -20,16 +20,14 @@ from scipy.ndimage import distance_transform_edt
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.cameras import in_world
+from gs2ci.core.cameras import in_camera, in_world
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.scene.start import round_gaussians
+from gs2ci.reconstruct.fit.scene.start import SIZE_PER_DISTANCE, round_gaussians
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
-_OPACITY: Final = 0.95
-# Standard deviation per distance of neighbours; with these two no light passes between neighbours.
-_SIZE_PER_STRIDE: Final = 0.7
+_OPACITY: Final = 0.95  # with this and `SIZE_PER_DISTANCE` no light passes between neighbours
 # So much farther away than the surface that they continue: where they reach into the recorded pictures, they lie behind
 # it. A larger share would show as parallax.
 _BEHIND: Final = 0.02
@@ -97,7 +95,7 @@ def margin(
     positions, depth, colours = (np.concatenate(column) for column in zip(*parts, strict=True))
     if not len(positions):
         return None
-    sizes = _SIZE_PER_STRIDE * settings.stride * depth / frame.focal_px
+    sizes = SIZE_PER_DISTANCE * settings.stride * depth / frame.focal_px
     found = round_gaussians(positions, sizes, _OPACITY, colours)
     # They do not move, and have one colour in all directions.
     further = {name: one for name, one in scene.parameters().items() if getattr(found, name) is None}
@@ -186,9 +184,9 @@ class _Frame:
 
     def project(self, points: F64, pose: F64) -> tuple[F64, Bool]:
         """Project points, [P, 3], to x and y, [P, 2], px; also tell which lie before the camera."""
-        in_camera = points @ pose[:3, :3].T + pose[:3, 3]
-        ahead = in_camera[:, 2] > NEAR
-        slopes = in_camera[:, :2] / np.where(ahead, in_camera[:, 2], 1.0)[:, None]
+        there = in_camera(points, pose)
+        ahead = there[:, 2] > NEAR
+        slopes = there[:, :2] / np.where(ahead, there[:, 2], 1.0)[:, None]
         return slopes @ self.intrinsics[:2, :2].T + self.intrinsics[:2, 2], ahead
 
 

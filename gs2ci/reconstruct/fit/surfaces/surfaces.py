@@ -22,7 +22,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import path_extent
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.kernels.calling import call
@@ -271,7 +271,7 @@ def find_surfaces(
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # The depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
     span = _span(renderer.stopped_light(scene, *middle).surface().cpu().numpy())
-    extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
+    extent = path_extent(world_to_camera)
     if count < 2 or span is None or extent == 0:
         return None
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics

@@ -8,27 +8,29 @@ from typing import Any
 import torch
 import warp as wp
 from torch import Tensor
+from warp import float32
 
 from gs2ci.reconstruct.geometry.depth import kernels
+from gs2ci.render.recording import Floats
 
 wp.set_module_options({"enable_backward": False})
 wp.init()
 
-SMALL_JUMP = wp.constant(wp.float32(kernels.SMALL_JUMP))
-LARGE_JUMP = wp.constant(wp.float32(kernels.LARGE_JUMP))
-FAR = wp.constant(wp.float32(1e9))
+SMALL_JUMP = wp.constant(float32(kernels.SMALL_JUMP))
+LARGE_JUMP = wp.constant(float32(kernels.LARGE_JUMP))
+FAR = wp.constant(float32(1e9))
 
 
 @wp.kernel
 def walk(
-    cost: wp.array(dtype=wp.float32),
+    cost: Floats,
     length: int,
     planes: int,
     apart: int,
     step: int,
     backwards: int,
-    paths: wp.array(dtype=wp.float32),
-    total: wp.array(dtype=wp.float32),
+    paths: Floats,
+    total: Floats,
 ):
     """Walk along one line, and add the cheapest way to each plane of each pixel to the total."""
     line = wp.tid()

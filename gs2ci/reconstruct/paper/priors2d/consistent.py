@@ -15,7 +15,6 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres
-from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted, undistorted
 from gs2ci.reconstruct.paper.priors2d.base import Question, check_targets
 
@@ -32,10 +31,6 @@ class ConsistentDetail:
     neighbours: int = 5
     depth_tolerance: float = 0.05
     name: str = "consistent"
-
-    def __post_init__(self) -> None:
-        if self.neighbours < 1 or not 0 < self.depth_tolerance < np.inf:
-            raise InputError(f"prior {self}", allowed="neighbours >= 1, depth_tolerance > 0")
 
     def __call__(self, question: Question) -> F32:
         """Return pseudo-views with the agreed detail added; arguments as for `ImagePrior`."""
@@ -82,10 +77,5 @@ def _project(question: Question, view: int, camera_from_world: F64) -> tuple[F64
 def _median(details: F32) -> F32:
     """Return the median of the values that are not NaN, [K, H, W, 3]; 0 if fewer than two cameras have one."""
     known = (~np.isnan(details[..., :1])).sum(axis=0)
-    # Sorted, NaN comes last: the known values of each pixel lie in front.
-    ordered = np.sort(details, axis=0)
-    low, high = ((np.maximum(known, 1) - 1) // 2, np.maximum(known, 1) // 2)
-    index = [np.broadcast_to(at, details.shape[1:])[None] for at in (low, high)]
-    middle = sum(np.take_along_axis(ordered, at, axis=0)[0] for at in index) / 2
-    agreed: F32 = np.where(known >= 2, middle, 0).astype(np.float32)
+    agreed: F32 = np.nanmedian(np.where(known >= 2, details, np.float32(0)), axis=0).astype(np.float32, copy=False)
     return agreed

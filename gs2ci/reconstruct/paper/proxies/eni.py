@@ -1,6 +1,7 @@
 """ENI, energy-normalised initialisation: every view from its own samples of the normalised measurement.
 
-Here: the normalisation, each view's samples and their completion (paper, eq. 2; supplement, eqs. 3 and 4). Not here:
+Here: the normalisation, each view's samples and their completion (paper, eq. 2; supplement, eqs. 3 and 4); beside it,
+for comparison, the measurement behind each mask. Not here:
 when ENI is the right choice (`gs2ci.reconstruct.paper.proxies.routing`).
 """
 
@@ -58,6 +59,31 @@ def energy_normalised_views(shot: Shot) -> F32:
         samples = [_samples(transmission, exposure > 0) for transmission in plane.transmissions]
         for i, view in enumerate(in_threads(partial(complete, normalised), samples)):
             views[i, :, :, plane.channels] = view
+    return views
+
+
+def masked_measurements(shot: Shot) -> F32:
+    """Multiply the measurement by each transmission wᵢ Mᵢ: the naive proxy of the paper's table S-II, Y ⊙ Mᵢ.
+
+    It exists for comparison: the light of the views is still mixed, and each shows the pattern of a mask.
+
+    Args:
+        shot: A checked shot. A mosaic's colours are completed before, each from its own pixels; saturated pixels are
+            completed as well, from their neighbours.
+
+    Returns:
+        [N, H, W, C] float32, full scale of one view 1, not clamped: where several masks are open their views add up.
+        A colour of which no pixel is open in any mask is dark.
+    """
+    transmissions = shot.masks.astype(np.float64) * shot.weights.astype(np.float64)[:, None, None]
+    views = np.zeros((shot.views, *shot.size, shot.channels), np.float32)
+    for plane in coded_planes(shot):
+        seen = plane.transmissions.sum(axis=0) > 0
+        if not seen.any():
+            continue
+        # A pixel that no mask opens carries no information, and no mask transmits it.
+        measured = complete(plane.measured, seen)
+        views[..., plane.channels] = transmissions[..., None] * measured
     return views
 
 

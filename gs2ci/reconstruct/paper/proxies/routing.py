@@ -1,7 +1,7 @@
 """Which proxy for which masks: the multiplicity and the rule (paper, eq. 3).
 
 Here: the rule, the fallback if it cannot be followed, and the choice of decoded views instead. Not here: the
-constructions (`eni`, `amdi`, and `naive`, which exists for comparison and is never chosen).
+constructions (`eni`, `amdi`); the naive one exists for comparison and is never chosen.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.paper.proxies.amdi import mask_decoded_views
-from gs2ci.reconstruct.paper.proxies.eni import energy_normalised_views
-from gs2ci.reconstruct.paper.proxies.naive import masked_measurements
+from gs2ci.reconstruct.paper.proxies.eni import energy_normalised_views, masked_measurements
 
 ProxyMethod = Literal["naive", "eni", "amdi"]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Deadline, Fixed
+from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Deadline, Pace
 
 EXPECTED_ITERATION_S = 0.1
 EXPECTED_LOOK_S = 0.2
@@ -47,7 +47,7 @@ def deadline(machine, seconds, most=100_000, costs=lambda share: EXPECTED_ITERAT
 
 
 def test_a_fixed_pace_is_the_number_whatever_the_time():
-    pace = Fixed(70)
+    pace = Pace(70)
     pace.looked(1e9)
     assert [pace.total(done) for done in (0, 30, 70)] == [70] * 3
     assert not pace.is_late(70)
@@ -129,5 +129,5 @@ def test_fits_beside_each_other_end_by_the_same_deadline_whatever_the_speed_of_e
 
 
 def test_a_fixed_pace_beside_another_is_the_same():
-    pace = Fixed(7)
+    pace = Pace(7)
     assert pace.beside() is pace

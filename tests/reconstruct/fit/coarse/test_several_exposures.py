@@ -70,7 +70,7 @@ def test_one_scene_predicts_the_held_out_pixels_of_all(exposures):
     given, _ = exposures
     fit = fitted(given, replace(QUICK, iterations=120, hold_out=HoldOut(share=0.05, look_every=30)))
     fit.advance()
-    results = fit.results()
+    results = [*map(fit.result, range(len(given)))]
     assert len(results) == len(given)
     assert all(one.scene is results[0].scene for one in results)
     left = [one.holdout.residual_rms(found.views) for one, found in zip(given, results, strict=True)]
@@ -107,7 +107,7 @@ def test_paths_that_are_tied_a_bit_wrong_come_to_lie_where_they_belong(exposures
     wrong = replace(given[1], geometry=replace(given[1].geometry, world_to_camera=off))
     fit = fitted([given[0], wrong, given[2]], replace(QUICK, iterations=300, relief=None))
     fit.advance()
-    first, second, _ = (one.world_to_camera[:, 1, 3] for one in fit.results())
+    first, second, _ = (one.world_to_camera[:, 1, 3] for one in map(fit.result, range(3)))
     assert abs(np.mean(second - first)) < 0.7 * 0.02
 
 

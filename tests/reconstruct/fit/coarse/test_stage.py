@@ -13,7 +13,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
-from gs2ci.reconstruct.fit.coarse.pace import Fixed
+from gs2ci.reconstruct.fit.coarse.pace import Pace
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.density.classic import Classic
@@ -335,7 +335,7 @@ def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
 
 
 def test_whoever_waits_hears_when_the_pace_changes_the_number_of_iterations(moving_plane):
-    class Stretched(Fixed):
+    class Stretched(Pace):
         def total(self, done):
             return 4 if done < 2 else 6
 

@@ -91,7 +91,7 @@ def test_without_held_out_pixels_all_is_put_back(truth):
     holdout, views = holdout_of(truth, share=0.0), truth - np.float32(0.1)
     expected = views + decode_residual(holdout.shot, views, SETTINGS)
     np.testing.assert_array_equal(Refinement(holdout, SETTINGS)(views), expected)
-    np.testing.assert_array_equal(Refinement(holdout, SETTINGS).by_all_pixels(views, 1.0), expected)
+    np.testing.assert_array_equal(Refinement(holdout, SETTINGS).by_all_pixels(views), expected)
 
 
 def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_left_to_judge(truth):
@@ -104,8 +104,8 @@ def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_lef
     low, high = Refinement(other, SETTINGS).share(views, added), Refinement(holdout, SETTINGS).share(views, added)
     assert low < 0.4 < high
     grain = 0.1 * np.random.default_rng(1).standard_normal((*SIZE, 1)).astype(np.float32)  # no neighbour tells of it
-    unseen, share = Refinement(holdout, SETTINGS).with_share(truth - grain)
-    seen = Refinement(holdout, SETTINGS).by_all_pixels(truth - grain, share)
+    unseen = Refinement(holdout, SETTINGS)(truth - grain)
+    seen = Refinement(holdout, SETTINGS).by_all_pixels(truth - grain)
     assert rms((seen - truth)[:, holdout.pixels]) < 0.97 * rms((unseen - truth)[:, holdout.pixels])
 
 

@@ -62,15 +62,6 @@ def test_radii_are_shares_of_the_longer_side(scattered):
     assert (seen.extent, seen.cap, seen.iteration) == (0.3, 7, 11)
 
 
-def test_starting_again_forgets(scattered):
-    gathered = gathering(torch.ones(2, *SIZE), 3)
-    gathered.screen.add(torch.ones(3), torch.ones(3), torch.ones(3))
-    gathered.start_again(4)
-    seen = shared_evidence(gathered, scattered(4))
-    assert not seen.screen_gradient.any()
-    assert seen.screen_radius.shape == (4,)
-
-
 def test_masks_that_are_closed_throughout_leave_the_gradients_finite(scattered):
     assert torch.isfinite(shared_evidence(gathering(torch.zeros(2, *SIZE), 3), scattered(3)).screen_gradient).all()
 

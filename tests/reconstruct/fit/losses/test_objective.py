@@ -81,15 +81,6 @@ def test_one_channel_follows_the_definition(similarity_definition, measurement, 
     assert np.linalg.norm(got_gradient - gradient) <= 1e-5 * np.linalg.norm(gradient)
 
 
-def test_torch_differentiates_the_term_as_it_states(measurement, predicted, fitted):
-    term = DataTerm(measurement, fitted, None, TENTH)
-    image = torch.from_numpy(predicted).requires_grad_(True)
-    (2 * term(image)).backward()
-    value, gradient = term.value_and_gradient(predicted)
-    assert term(image).item() == pytest.approx(value, rel=1e-6)
-    np.testing.assert_array_equal(image.grad.numpy(), 2 * gradient)
-
-
 def test_held_out_pixels_have_exactly_no_gradient_and_no_influence(rng, measurement, predicted, fitted):
     elsewhere = ~fitted
     value, gradient = DataTerm(measurement, fitted, None, TENTH).value_and_gradient(predicted)

@@ -6,9 +6,11 @@ import torch
 
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
+from tests.reconstruct.fit.scene.test_moment_gradient import poses_of_the_graph
 
 
 @pytest.fixture
@@ -50,7 +52,7 @@ def test_the_gradient_by_a_call_is_that_of_the_graph(moving_plane, renderer, sca
     one = ShotRenderer(shot, geometry.intrinsics, CpuBackend(), mask_moments=moments)
     ours, theirs = (scene.map(lambda tensor: tensor.clone().requires_grad_()) for _ in range(2))
     leaf = poses.clone().requires_grad_()
-    expected = one.measurement(theirs, leaf)
+    expected = measured_by_the_graph(one, theirs, leaf)
     weights = torch.randn(expected.shape, generator=torch.Generator().manual_seed(4))
     expected.backward(weights)
     image, pull = one.measurement_with_pull(ours, poses)
@@ -63,6 +65,18 @@ def test_the_gradient_by_a_call_is_that_of_the_graph(moving_plane, renderer, sca
         torch.testing.assert_close(by_poses, leaf.grad, rtol=1e-5, atol=1e-5)
     for name, tensor in theirs.parameters().items():
         torch.testing.assert_close(ours.parameters()[name].grad, tensor.grad, rtol=1e-5, atol=1e-5)
+
+
+def measured_by_the_graph(renderer, scene, path):
+    """Render the coded measurement, [H, W, C]; differentiable."""
+    moments, times = renderer._mask_moments, renderer.times
+    if moments is not None:
+        path, times = poses_of_the_graph(moments, path), moments.times
+    backend, given = renderer._backend, (renderer.intrinsics, renderer._mask_set)
+    image = backend.coded(scene, path, *given, times=times)
+    if renderer.shot.cfa:
+        return coding.select(image, renderer._channels)
+    return image.mean(dim=2, keepdim=True) if renderer.shot.channels == 1 else image
 
 
 def _by_twists(poses, gradient):

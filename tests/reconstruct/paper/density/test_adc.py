@@ -1,12 +1,12 @@
 import torch
 
-from gs2ci.reconstruct.paper.density.adc import Adc
+from gs2ci.reconstruct.paper.density.rules import adc
 
 LARGE = 0.1
 
 
 def change(scene, seen, seed=0):
-    return Adc().change(scene, seen, torch.Generator().manual_seed(seed))
+    return adc().change(scene, seen, torch.Generator().manual_seed(seed))
 
 
 def test_a_scene_at_rest_is_left_alone_however_its_opacities_stand_out(line, evidence):
@@ -45,4 +45,4 @@ def test_every_so_many_iterations_opacities_are_reset_newcomers_included(line, e
 
 
 def test_nothing_is_shaken(line):
-    assert Adc().shake(line(4), 1.0, torch.Generator()) is None
+    assert adc().shake(line(4), 1.0, torch.Generator()) is None

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
 from gs2ci.reconstruct.paper.priors2d.consistent import ConsistentDetail
 
@@ -75,9 +74,3 @@ def test_the_nearest_cameras_are_asked(plane):
     details[:2] = 0
     question = plane(details, shifts=(0, 1, -3, -4), pseudo=0)
     assert np.array_equal(ConsistentDetail(neighbours=2)(question), np.clip(question.pseudo.images, 0, 1))
-
-
-@pytest.mark.parametrize("settings", [{"neighbours": 0}, {"depth_tolerance": 0.0}, {"depth_tolerance": np.nan}])
-def test_settings_out_of_range_are_refused(settings):
-    with pytest.raises(InputError):
-        ConsistentDetail(**settings)

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.paper.priors2d.nonlocal_means import NonLocalMeansPrior, grain
 
 
@@ -27,9 +26,3 @@ def test_an_image_without_any_grain_comes_back(plane):
     question = plane()
     flat = replace(question, pseudo=replace(question.pseudo, images=np.full((1, 20, 32, 3), 0.5, np.float32)))
     np.testing.assert_array_equal(NonLocalMeansPrior()(flat), flat.pseudo.images)
-
-
-@pytest.mark.parametrize("strength", [0.0, -1.0, np.nan])
-def test_a_strength_out_of_range_is_refused(strength):
-    with pytest.raises(InputError, match="strength"):
-        NonLocalMeansPrior(strength)

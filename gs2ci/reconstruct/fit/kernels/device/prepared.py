@@ -7,6 +7,8 @@ before. Here: launches that are kept, one for each thread, device and kernel. No
 """
 
 import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,43 +36,36 @@ class KeptLaunch:
         if not size:
             return
         first = next(one for one in arguments if isinstance(one, Tensor))
-        kept: dict[str, _Kept] = self._own.__dict__.setdefault("kept", {})
         place = "cpu" if first.is_cpu else f"cuda:{first.get_device()}"
-        if place not in kept:
-            kept[place] = _Kept(self._kernel, self._block, self._types, place)
-        kept[place].launch(size, arguments)
-
-
-class _Kept:
-    """The launch on one device, by one thread."""
-
-    def __init__(self, kernel: Any, block: int | None, types: list[Any], place: str) -> None:
-        self._kernel, self._block, self._types, self._place = kernel, block, types, place
-        self._told: list[Any] = [None] * len(types)
-        self._launch: Any = None
-        self._size = 0
-
-    def launch(self, size: int, arguments: tuple[Any, ...]) -> None:
+        kept: _Kept = self._own.__dict__.setdefault(place, _Kept())
         marks = [_mark(one) for one in arguments]
-        with one_at_a_time(self._place):
-            if self._launch is None:
-                self._begin(size, arguments)
+        with one_at_a_time(place):
+            if kept.launch is None:
+                kept.launch = self._begin(place, size, arguments)
             else:
-                if size != self._size:
-                    self._launch.set_dim(size if self._block is None else (size, self._block))
-                for number, (mark, told) in enumerate(zip(marks, self._told, strict=True)):
+                if size != kept.size:
+                    kept.launch.set_dim(size if self._block is None else (size, self._block))
+                for number, (mark, told) in enumerate(zip(marks, kept.told, strict=True)):
                     if mark != told:
-                        self._launch.set_param_at_index(number, _as_warp(arguments[number], self._types[number]))
-            self._launch.launch()
-        self._size, self._told = size, marks
+                        kept.launch.set_param_at_index(number, _as_warp(arguments[number], self._types[number]))
+            kept.launch.launch()
+        kept.size, kept.told = size, marks
 
-    def _begin(self, size: int, arguments: tuple[Any, ...]) -> None:
+    def _begin(self, place: str, size: int, arguments: tuple[Any, ...]) -> Any:
         given = [_as_warp(one, kind) for one, kind in zip(arguments, self._types, strict=True)]
-        options: dict[str, Any] = {"device": self._place, "record_cmd": True}
+        options: dict[str, Any] = {"device": place, "record_cmd": True}
         if self._block is None:
-            self._launch = wp.launch(self._kernel, dim=size, inputs=given, **options)
-        else:
-            self._launch = wp.launch_tiled(self._kernel, dim=[size], block_dim=self._block, inputs=given, **options)
+            return wp.launch(self._kernel, dim=size, inputs=given, **options)
+        return wp.launch_tiled(self._kernel, dim=[size], block_dim=self._block, inputs=given, **options)
+
+
+@dataclass
+class _Kept:
+    """The launch on one device, by one thread, and what it was told."""
+
+    launch: Any = None
+    size: int = 0
+    told: Sequence[Any] = ()
 
 
 def _mark(argument: Any) -> Any:

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.paper.withheld import Withheld
 
 NOTHING, POINTS, POSES = Withheld(), Withheld(points=True), Withheld(poses=True)
 

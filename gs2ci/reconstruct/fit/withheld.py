@@ -13,7 +13,6 @@ from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import Seeds, seed_points
 
-_NEAREST: Final = 0.5
 _FARTHEST: Final = 2.0
 """Points without a known depth are put within this factor of the median depth, nearer or farther."""
 _STREAM: Final = 0x5EED  # makes these random draws independent of all others of the same seed
@@ -54,7 +53,7 @@ class Withheld:
         draw = np.random.default_rng([seed, _STREAM])
         count, (height, width) = len(seeds.positions), views.shape[1:3]
         pixels = draw.uniform((0, 0), (width, height), (count, 2))
-        depth = 1 / draw.uniform(1 / _FARTHEST, 1 / _NEAREST, count)
+        depth = 1 / draw.uniform(1 / _FARTHEST, _FARTHEST, count)
         focal, centre = geometry.intrinsics.diagonal()[:2], geometry.intrinsics[:2, 2]
         rays = np.concatenate([(pixels - centre) / focal, np.ones((count, 1))], axis=1)
         return Seeds(
