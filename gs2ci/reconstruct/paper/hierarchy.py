@@ -11,7 +11,7 @@ model (`vggt`), the adjustment (`bundle`), tracks and depth (`initialise`).
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
