@@ -258,7 +258,8 @@ class CoarseRun:
         total = self._pace.total(iteration)
         halted = self._halt.asked
         looks = iteration % self._settings.hold_out.look_every == 0 or iteration >= total or halted
-        if looks:
+        # A step may have exploded beyond all numbers: the next iteration goes back, and at the end the best state does.
+        if looks and self._fit.scene_is_finite():
             self._look(iteration, loss)
         self._progress.step(iteration, loss=loss, **self._figures())
         if halted:

@@ -55,6 +55,25 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
     fit.scene.check()
 
 
+@pytest.mark.parametrize("strikes", [(19,), (59,)], ids=["before a look and a search for surfaces", "at the end"])
+def test_a_step_beyond_all_numbers_is_never_looked_at(moving_plane, monkeypatch, strikes):
+    whole, calls = GaussianOptimiser.step, itertools.count()
+
+    def step(optimiser, *arguments):
+        whole(optimiser, *arguments)
+        if next(calls) in strikes:
+            with torch.no_grad():
+                optimiser.scene.means.mul_(float("inf"))
+
+    monkeypatch.setattr(GaussianOptimiser, "step", step)
+    monkeypatch.setattr(DepthField, "step", lambda *_: None)
+    settings = replace(QUICK, surfaces=SurfaceSettings(searches=(Search(1 / 3, 1e-3, 1e-3),)))
+    fit, _ = run(moving_plane, settings)
+    assert [note.code for note in fit.notes] == [Code.ROLLED_BACK_NOT_FINITE] * (strikes == (19,))
+    assert [point.iteration for point in fit.curve] == [at for at in range(10, 70, 10) if at - 1 not in strikes]
+    fit.scene.check()
+
+
 def test_a_roll_back_forgets_what_the_runaway_taught_regions_and_the_path(moving_plane, monkeypatch):
     forgot = []
     for part in (DepthField, Relief):
