@@ -145,7 +145,7 @@ class FitState:
         Returns:
             The loss without the terms of surfaces and motion; NaN if a parameter is not finite.
         """
-        if not self.scene_is_finite():
+        if not self.optimiser.scene_is_finite():
             return float("nan")
         self.optimiser.let_colours_vary(self.settings.colours.at(share))
         scene, self._current = self.scene, self._in_turn(iteration)
@@ -191,7 +191,7 @@ class FitState:
             at: Iterations and rollbacks so far.
         """
         settings = self.settings.surfaces
-        if settings is None or not self.search_is_due(share) or not self.scene_is_finite():
+        if settings is None or not self.search_is_due(share) or not self.optimiser.scene_is_finite():
             return False
         number, search = len(settings.searches) - len(self._searches), self._searches.pop(0)
         outwards = settings.margin if not self._searches else None
@@ -228,10 +228,6 @@ class FitState:
         self.optimiser.replace(joined([scene, added]), torch.cat([present, new]))
         self._outside = torch.cat([present < 0, new < 0])
         self._meet_others()
-
-    def scene_is_finite(self) -> bool:
-        """Tell whether all numbers of the Gaussians are finite, so that they may be rendered."""
-        return self.optimiser.scene_is_finite()
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""

@@ -84,14 +84,31 @@ def sweep(
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
     others = [i for i in range(len(views)) if i != reference]
     features = features_of([small[i] for i in (reference, *others)], settings.blur_px)
-    inverse_depths = np.linspace(*span, settings.planes)
-    homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
-    best = max(min(_LEAST_VIEWS_KEPT, len(others)), _seen_by(len(others)))
+    inverse_depth = sweep_features(features, world_to_camera[others], scale[:, None] * intrinsics, span, settings)
+    if small.shape != views.shape:
+        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
+    return inverse_depth
+
+
+def sweep_features(
+    features: F32, world_to_camera: F64, intrinsics: F64, span: tuple[float, float], settings: SweepSettings
+) -> F32:
+    """Do so with views that are described already, [N, H, W, 8], the reference view first.
+
+    Args:
+        features: Of views of the size that is swept (`features_of`).
+        world_to_camera: Poses of the others, [N - 1, 4, 4].
+        intrinsics: As for `sweep`, for views of that size.
+        span: As for `sweep`.
+        settings: As for `sweep`.
+    """
+    homographies = plane_homographies(world_to_camera, intrinsics, np.linspace(*span, settings.planes))
+    others = len(world_to_camera)
+    # A place is assumed to be seen in two thirds of the other views.
+    best = max(min(_LEAST_VIEWS_KEPT, others), others * 2 // 3)
     index = _best_planes(features, homographies, best, settings.window_px)
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
-    if small.shape != views.shape:
-        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
 
 
@@ -113,11 +130,6 @@ def reduced(views: F32, most_pixels: int) -> F32:
         return views
     resized = [cv2.resize(view, (new_width, new_height), interpolation=cv2.INTER_AREA) for view in views]
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
-
-
-def _seen_by(others: int) -> int:
-    """Return in how many of the other views a place is assumed to be seen."""
-    return others * 2 // 3
 
 
 def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:

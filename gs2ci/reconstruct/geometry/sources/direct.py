@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import reduced, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import features_of, reduced, sweep_features
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
@@ -67,8 +67,14 @@ class Direct:
         self._at_rest = at_rest(found)
         self._evidence = Evidence(request.shot, request.views, request.lens, _ASKED_PIXELS)
         spread = np.linspace(0, views - 1, min(views, _ROUGH_VIEWS)).round().astype(int)
-        self._looked_at = np.union1d(spread, [reference])
-        self._small = reduced(request.views[self._looked_at], _ROUGH_PIXELS)
+        looked_at = np.union1d(spread, [reference])
+        small = reduced(request.views[looked_at], _ROUGH_PIXELS)
+        self._shrink = np.array([small.shape[2] / request.size[1], small.shape[1] / request.size[0], 1.0])
+        self._others = looked_at[looked_at != reference]
+        # The middle view first.
+        order = np.argsort(looked_at != reference, kind="stable")
+        self._rough = replace(request.settings.sweep, planes=_ROUGH_PLANES)
+        self._features = features_of(small[order], self._rough.blur_px)
         # If the farthest view of a path is this far from the middle one, a plane at inverse depth ρ shifts by ρ times
         # the picture's longer side.
         self._reach = max(request.size) / float(found.intrinsics[0, 0])
@@ -105,10 +111,11 @@ class Direct:
         there, near = first[way]
         back, _ = self._best(self._motion(-np.array(way)), _NEAREST_AT_FIRST)
         turn, turned = self._turned()
-        motion, left = self._refined(np.array(way), near)
-        if there < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
-            found = self._swept(motion, self._best(motion, _NEAREST)[1])
-            return replace(found, path_notes=(finding(Code.UNIFORM_MOTION, share=left / self._still),))
+        if there < _CLEARLY * back:
+            motion, left = self._refined(np.array(way), near)
+            if left < _CLEARLY * min(self._still, turned):
+                found = self._swept(motion, self._best(motion, _NEAREST)[1])
+                return replace(found, path_notes=(finding(Code.UNIFORM_MOTION, share=left / self._still),))
         if turned < _CLEARLY * self._still:
             only_turned = replace(
                 self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict=Verdict.ROTATION_ONLY
@@ -173,13 +180,9 @@ class Direct:
 
     def _left(self, poses: F64, near: float) -> float:
         """Return the residual of poses with a rough map of their depths."""
-        looked_at, (height, width) = self._looked_at, self._request.size
-        scale = np.array([self._small.shape[2] / width, self._small.shape[1] / height, 1.0])
-        settings = replace(self._request.settings.sweep, planes=_ROUGH_PLANES)
-        reference = int(np.searchsorted(looked_at, self._at_rest.reference))
-        intrinsics = scale[:, None] * self._at_rest.intrinsics
-        rough = sweep(self._small, poses[looked_at], intrinsics, reference, self._span(near), settings)
-        depth: F32 = cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR)
+        intrinsics = self._shrink[:, None] * self._at_rest.intrinsics
+        rough = sweep_features(self._features, poses[self._others], intrinsics, self._span(near), self._rough)
+        depth: F32 = cv2.resize(rough, self._request.size[::-1], interpolation=cv2.INTER_LINEAR)
         return self._evidence.left(replace(self._at_rest, world_to_camera=poses, inverse_depth=depth))
 
     def _swept(self, poses: F64, near: float) -> Geometry:
