@@ -15,10 +15,10 @@ from pydantic import AfterValidator, Field
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
-from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
-from gs2ci.reconstruct.geometry.depth.kernels import best_plane, describe, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
+from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 from gs2ci.reconstruct.geometry.tracks.tracks import RESIDUE_BLUR_PX
 from gs2ci.render.places import working_device
 
@@ -80,7 +80,8 @@ def sweep(
         Inverse depth, [H, W] float32, within `span`.
     """
     height, width = views.shape[1:3]
-    small = reduced(views, settings.most_pixels)
+    # Penalties are in full scales.
+    small = brightened(reduced(views, settings.most_pixels))
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
     others = [i for i in range(len(views)) if i != reference]
     features = features_of([small[i] for i in (reference, *others)], settings.blur_px)
@@ -117,8 +118,7 @@ def _best_planes(features: F32, homographies: F64, best: int, window: int) -> F3
     device = working_device()
     if device is not None:
         return best_planes_on_device(features, homographies, best, window, device)
-    cost = matching_cost(features[0], features[1:], homographies, best, window)
-    return best_plane(cost, sum_along_rows(cost))
+    return best_plane(smoothed(matching_cost(features[0], features[1:], homographies, best, window)))
 
 
 def reduced(views: F32, most_pixels: int) -> F32:
@@ -140,14 +140,14 @@ def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
         blur_px: Standard deviation of a blur before that.
     """
     height, width, channels = views[0].shape
-    features = np.empty((len(views), height, width, FEATURES), np.float32)
+    features = np.zeros((len(views), height, width, FEATURES), np.float32)
     for view, described in zip(views, features, strict=True):
         blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
         grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
         # A Sobel operator of size 3 returns eight times the derivative of a ramp.
-        right, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
-        weights = np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8)
-        in_parts(describe, len(blurred), blurred, right, down, *weights, described)
+        gradient = np.stack([cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1))], axis=-1)
+        described[..., :channels] = np.float32(3 / channels) * blurred
+        described[..., channels : channels + 2] = np.float32(_GRADIENT_WEIGHT / 8) * gradient
     return features
 
 

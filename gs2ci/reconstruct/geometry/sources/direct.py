@@ -20,11 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import features_of, reduced, sweep_features
+from gs2ci.reconstruct.geometry.depth.sweep import features_of, reduced, sweep, sweep_features
 from gs2ci.reconstruct.geometry.evidence import Evidence
-from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, flat_geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
+from gs2ci.reconstruct.geometry.path.focal import Focal
 from gs2ci.reconstruct.geometry.prior import Request
 
 # Tried shifts of the nearest plane between the middle view and the farthest, as shares of the picture's longer side:
@@ -35,8 +35,7 @@ _NEAREST_AT_FIRST: Final = (0.04, 0.16)
 # (`python -m tests.benchmarks direct`).
 _CLEARLY: Final = 0.98
 # Paths are compared by rough depth maps of so many planes, pixels and views, at so many pixels of the measurement.
-_ROUGH_PLANES: Final = 20
-_ROUGH_PIXELS: Final = 2_500
+_ROUGH: Final = {"planes": 20, "most_pixels": 2_500}
 _ROUGH_VIEWS: Final = 7
 _ASKED_PIXELS: Final = 6_000
 # Starting directions of the search: eight sideways, forwards and backwards.
@@ -48,7 +47,7 @@ _DIRECTIONS: Final = (
 # First steps of the search: of the direction, and of the turn, in which 1 shifts the picture by its longer side.
 _DIRECTION_STEP: Final = 0.4
 _TURN_STEP: Final = 0.03
-_MOST_TRIALS: Final = 100
+MOST_TRIALS: Final = 100
 # The search ends when steps change neither the motion nor its residual by more than this.
 _SETTLED: Final = 1e-3
 
@@ -68,12 +67,12 @@ class Direct:
         self._evidence = Evidence(request.shot, request.views, request.lens, _ASKED_PIXELS)
         spread = np.linspace(0, views - 1, min(views, _ROUGH_VIEWS)).round().astype(int)
         looked_at = np.union1d(spread, [reference])
-        small = reduced(request.views[looked_at], _ROUGH_PIXELS)
+        small = reduced(request.views[looked_at], _ROUGH["most_pixels"])
         self._shrink = np.array([small.shape[2] / request.size[1], small.shape[1] / request.size[0], 1.0])
         self._others = looked_at[looked_at != reference]
         # The middle view first.
         order = np.argsort(looked_at != reference, kind="stable")
-        self._rough = replace(request.settings.sweep, planes=_ROUGH_PLANES)
+        self._rough = replace(request.settings.sweep, **_ROUGH)
         self._features = features_of(small[order], self._rough.blur_px)
         # If the farthest view of a path is this far from the middle one, a plane at inverse depth ρ shifts by ρ times
         # the picture's longer side.
@@ -152,7 +151,7 @@ class Direct:
             method="Nelder-Mead",
             options={
                 "initial_simplex": simplex,
-                "maxfev": _MOST_TRIALS,
+                "maxfev": MOST_TRIALS,
                 "xatol": _SETTLED,
                 "fatol": _SETTLED * self._still,
             },
@@ -189,7 +188,7 @@ class Direct:
         """Sweep depth finely, and scale its median to 1, as with tracks."""
         request, still = self._request, self._at_rest
         span, settings = self._span(near), request.settings.sweep
-        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings)
+        depth = sweep(request.views, poses, still.intrinsics, still.reference, span, settings)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median
@@ -201,25 +200,10 @@ class Direct:
 
 def at_rest(found: Geometry) -> Geometry:
     """Return a camera at rest in front of a plane: the geometry without its motion, its depth and the notes on them."""
-    return replace(
-        found,
-        world_to_camera=np.tile(np.eye(4), (len(found.world_to_camera), 1, 1)),
-        inverse_depth=np.ones_like(found.inverse_depth),
-        tracks=0,
-        reprojection_rms_px=0.0,
-        parallax_px=0.0,
-        verdict=Verdict.UNSUPPORTED,
-        notes=tuple(note for note in found.notes if note != PLANE_NOTE),
-        path_error_expected=None,
-        unit=None,
-        order_errors=None,
-        other_order=None,
-        joined=0,
-        path_notes=(),
-        pose_errors=None,
-        order_given=False,
-        view_depths=(),
-    )
+    notes = tuple(note for note in found.notes if note != PLANE_NOTE)
+    camera, (height, width) = Focal(found.intrinsics, found.focal_source, notes), found.inverse_depth.shape
+    flat = flat_geometry(len(found.world_to_camera), (height, width), camera)
+    return replace(flat, reference=found.reference, source=found.source)
 
 
 def _reversed(poses: F64) -> F64:

@@ -28,15 +28,14 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range
+from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, error_from_halves
 from gs2ci.reconstruct.geometry.path.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources.direct import at_rest
+from gs2ci.reconstruct.geometry.sources.direct import MOST_TRIALS, at_rest
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
 from gs2ci.reconstruct.measurement.lens import straightened
 
@@ -61,7 +60,6 @@ _MOST_OFF: Final = 3.6
 _LEAST_PARALLAX: Final = 1.75
 # Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
 _TURN_PX: Final = 100.0
-_MOST_TRIALS: Final = 100
 # Step of finite differences, as a share of a parameter above 1.
 _DIFFERENCE: Final = float(np.finfo(np.float64).eps) ** 0.5
 # What tracks say of the motion no longer holds.
@@ -153,7 +151,7 @@ class DisplacedBlocks:
             moved = found + np.diag(_DIFFERENCE * np.where(found < 0, -1, 1) * np.maximum(1, np.abs(found)))
             return ((errors(moved) - errors(found)) / (moved - found).sum(axis=1, keepdims=True)).T
 
-        found = least_squares(errors, start[free].ravel(), slopes, max_nfev=_MOST_TRIALS, x_scale="jac").x
+        found = least_squares(errors, start[free].ravel(), slopes, max_nfev=MOST_TRIALS, x_scale="jac").x
         return BlockMotion(moves(found), *self._errors(moves(found))[1:])
 
     def _starts(self) -> list[F64]:
@@ -319,7 +317,7 @@ def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, m
     settings = request.settings.sweep
     poses = _poses(motion.moves, blocks.displaced.over_time, geometry.reference)
     span = inverse_depth_range(motion.inverse_depth, settings)
-    swept = surface_map(request.views, poses, geometry.intrinsics, geometry.reference, span, settings)
+    swept = sweep(request.views, poses, geometry.intrinsics, geometry.reference, span, settings)
     coarse = straightened(blocks.depth_map(motion, request.shot.size)[None, ..., None], request.lens)[0, ..., 0]
     depth = 0.5 * (swept + coarse)
     median = float(np.median(depth))
