@@ -9,21 +9,49 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError, InputError, NumericsError
 from gs2ci.core.findings import Code, finding
-from gs2ci.core.progress import Silent
+from gs2ci.core.progress import Silent, said
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
-from gs2ci.reconstruct.geometry import choose
+from gs2ci.reconstruct.geometry import choose, prior
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest, load_geometry_prior
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.initialise import GeometrySettings, OtherOrder
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings, OtherOrder, initialise
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.sources import sources
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
 
 # A coarse sweep: these tests are about poses.
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tracked_once():
+    """Track the same views once, and seek a uniform motion in them once: what is asked here comes after."""
+    kept, seek, sought = {}, sources.uniform_motion, {}
+
+    def found(views, intrinsics, settings, progress=None, known_poses=None, seen=None):
+        if known_poses is not None or seen is not None:
+            return initialise(views, intrinsics, settings, progress, known_poses, seen)
+        key = views.shape, views.tobytes(), None if intrinsics is None else intrinsics.tobytes(), settings
+        if key not in kept:
+            kept[key] = initialise(views, intrinsics, settings)
+        said(kept[key].notes, progress or Silent())
+        return kept[key]
+
+    def uniform(request, tracks):
+        key = request.shot.measurement.tobytes(), request.views.tobytes(), tracks.intrinsics.tobytes()
+        if key not in sought:
+            sought[key] = seek(request, tracks)
+        return sought[key]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(prior, "initialise", found)
+        for module in (choose, sources):
+            patched.setattr(module, "uniform_motion", uniform)
+        yield
 
 
 @pytest.fixture(scope="module")
