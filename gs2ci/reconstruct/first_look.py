@@ -151,26 +151,25 @@ def look(
     return found
 
 
-def look_closer(looked: Callable[[Settings], FirstLook], settings: Settings, progress: Progress) -> FirstLook:
+def look_closer(
+    holdout: Holdout,
+    lens: Lens | None,
+    prior: GeometryPrior,
+    settings: Settings,
+    progress: Progress,
+    lap: Callable[[str], None],
+    masks_of: Shot | None = None,
+) -> FirstLook:
     """Look, and look again in views decoded by similar patches if those of GAP-TV show only a rotation.
 
-    Args:
-        looked: `look` at a measurement, with such settings.
-        settings: Of all stages.
-        progress: Receives what is done.
-
-    Returns:
-        The second look if it finds a path, otherwise the first, with a number of views that features of the second
-        join, if they join some.
-
-    Raises:
-        Gs2ciError: A stage fails.
+    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first, with a
+    number of views that features of the second join, if they join some.
     """
-    first = looked(settings)
+    first = look(holdout, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
         return first
     progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
-    closer = looked(replace(settings, first_look="patches-quick"))
+    closer = look(holdout, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
     if closer.geometry.has_path:
         return closer
     return replace(first, geometry=replace(first.geometry, joined=closer.geometry.joined or first.geometry.joined))

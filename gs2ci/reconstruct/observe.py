@@ -132,10 +132,9 @@ def observe(
     sound, doubts = _examined(registered.shot, progress)
     holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)
 
-    def looked(how: Settings) -> FirstLook:
-        return look(holdout, lens, tools.geometry_prior, how, progress, clock.lap, registered.shot)
-
-    first = look_closer(looked, settings, progress) if settings.may_look_again else looked(settings)
+    first = (look_closer if settings.may_look_again else look)(
+        holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
+    )
     partly = joins_in_part(first)
     matches = settings.may_look_again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
     if matches and (partly or (settings.poses == "auto" and needs_rest(first))):
