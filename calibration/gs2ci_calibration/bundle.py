@@ -34,12 +34,10 @@ The sections, and the values that other modules read from them (shapes: H, W sen
 Here: the file. Not here: the contents of a section (the procedures), whether a bundle still fits a bench (`fitting`).
 """
 
-import fcntl
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -50,6 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci import __version__
+from gs2ci.core.alone import alone_in
 from gs2ci.core.errors import NumericsError, StorageError
 from gs2ci.core.hdf5 import SuspectFile, check_text_heaps
 from gs2ci.core.storage.layout import to_json
@@ -173,24 +172,8 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
         StorageError: The file cannot be written.
     """
     check_bundle_place(path)
-    with _alone(path):
+    with alone_in(path.parent):
         return _replaced(path, bundle)
-
-
-@contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Wait until no other process changes a bundle in this folder, and keep others out meanwhile.
-
-    The folder is locked, since the bundle is replaced by another file. Where the file system has no such locks, nothing
-    is kept out.
-    """
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        with suppress(OSError):
-            fcntl.flock(folder, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(folder)
 
 
 def _replaced(path: Path, bundle: Bundle) -> Path:
@@ -238,7 +221,7 @@ def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
         NumericsError, StorageError: As `write_bundle` and `read_bundle`.
     """
     check_bundle_place(path)
-    with _alone(path):  # a section that another process adds between reading and writing would be lost
+    with alone_in(path.parent):  # a section that another process adds between reading and writing would be lost
         bundle = read_bundle(path) if path.exists() else Bundle(provenance)
         _check_devices(path, bundle, provenance, section.name)
         of_this_rig = replace(section, rig=provenance.rig, temperature_c=provenance.temperature_c)

@@ -105,5 +105,7 @@ def on_modulator(codes: U16, table: RegistrationTable, modulator: tuple[int, int
     row, column = origin(table, (height, width), modulator)
     kind = np.uint8 if codes.max(initial=0) < 256 else np.uint16
     laid = np.zeros((len(codes), *modulator), kind)
-    laid[:, row : row + k * height, column : column + k * width] = codes.repeat(k, axis=1).repeat(k, axis=2)
+    rows = codes.astype(kind).repeat(k, axis=2)
+    for first in range(row, row + k):
+        laid[:, first : first + k * height : k, column : column + k * width] = rows
     return laid

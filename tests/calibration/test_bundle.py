@@ -271,7 +271,7 @@ def test_a_file_system_without_locks_holds_bundles_all_the_same(path, monkeypatc
     def refuse(*arguments):
         raise OSError(errno.EBADF, "no locks here")
 
-    monkeypatch.setattr("gs2ci_calibration.bundle.fcntl.flock", refuse)
+    monkeypatch.setattr("gs2ci.core.alone.fcntl.flock", refuse)
     add_section(path, section(), BENCH)
     assert list(read_bundle(path).sections) == ["dark-flat"]
 

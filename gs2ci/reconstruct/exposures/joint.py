@@ -8,6 +8,7 @@ exposures lie (`places`), the fit (`fit.coarse.stage`).
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -121,11 +122,12 @@ def reconstruct_together(
     kept = None
     if unfinished is not None and len(shots) > 1:
         kept = Unfinished(unfinished, key_of_run(shots, settings))
-        kept.begin(progress)
-        clock = Stopwatch.after({"total": kept.before_s})
     tools = Tools.load(settings)
     keeping = None if kept is None else observations(kept, tools, progress)
-    with working_on(tools.backend.device):
+    with working_on(tools.backend.device), nullcontext() if kept is None else kept.alone():
+        if kept is not None:
+            kept.begin(progress)
+            clock = Stopwatch.after({"total": kept.before_s})
         alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
         observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
         where = places(observed) if kept is None else kept_places(kept, observed)
@@ -148,14 +150,14 @@ def _fitted(
 ) -> CoarseRun:
     """Fit one scene to all exposures."""
     by_number = {one.of.number: one for one in placed}
-    start = first_of_all(
+    start, growth = first_of_all(
         {number: one.start for number, one in by_number.items()},
         {number: one.geometry for number, one in by_number.items()},
     )
     run = CoarseRun(
         [one.to_fit(backend) for one in placed],
-        start.scene,
-        shared_schedule(settings.fit, len(placed), start.growth),
+        start,
+        shared_schedule(settings.fit, len(placed), growth),
         settings.seed,
         monitoring,
         keeper=kept,

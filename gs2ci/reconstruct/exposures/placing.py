@@ -9,7 +9,7 @@ Gaussians of all exposures together. Not here: similarities from matched feature
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -47,12 +47,13 @@ def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int,
     The common coordinates are those of the first of them. A stage reports all exposures of a session in one frame and
     one unit, and each single path was checked against its own views before it was taken (`geometry.choose`).
     """
-    given = {
+    known = {
         number: (shot.telemetry_world_to_camera[geometry.reference], geometry.unit)
         for number, (shot, geometry) in enumerate(zip(shots, geometries, strict=True))
-        if geometry.source == PathSource.STAGE and shot.telemetry_world_to_camera is not None
+        if geometry.source == PathSource.STAGE
+        and shot.telemetry_world_to_camera is not None
+        and geometry.unit is not None
     }
-    known = {number: (pose, unit) for number, (pose, unit) in given.items() if unit is not None}
     if not known:
         return {}
     first, unit = known[min(known)]
@@ -63,25 +64,15 @@ def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int,
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
-    """The first Gaussians of all exposures.
-
-    Args:
-        scene: In common coordinates.
-        growth: How many times as many there are as in the first exposure alone.
-    """
-
-    scene: Gaussians
-    growth: float
-
-
-def first_of_all(starts: Mapping[int, Gaussians], geometries: Mapping[int, Geometry]) -> Start:
+def first_of_all(starts: Mapping[int, Gaussians], geometries: Mapping[int, Geometry]) -> tuple[Gaussians, float]:
     """Join the first Gaussians of exposures; of each, those that no earlier exposure's reference view shows.
 
     Args:
         starts: Of each exposure, in common coordinates, by index.
         geometries: Likewise.
+
+    Returns:
+        The Gaussians, and how many times as many there are as in the first exposure alone.
     """
     parts: list[Gaussians] = []
     before: list[Geometry] = []
@@ -91,7 +82,7 @@ def first_of_all(starts: Mapping[int, Gaussians], geometries: Mapping[int, Geome
         parts.append(scene.map(partial(_rows, chosen=new)))
         before.append(geometries[number])
     together = joined(parts)
-    return Start(together, len(together) / len(parts[0]))
+    return together, len(together) / len(parts[0])
 
 
 def _rows(tensor: Tensor, chosen: Tensor) -> Tensor:

@@ -5,9 +5,8 @@ Here: what of them is kept, and how they are made of it again. Not here: the fil
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Any
 
-from gs2ci.core.findings import Finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
@@ -15,10 +14,8 @@ from gs2ci.reconstruct.exposures.observing import Keeping, ObservedExposure, Pla
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of
 from gs2ci.reconstruct.fit.coarse.looks import Score
-from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.observe import KeptObservation, Observed, Tools, observe
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render.gaussians import Gaussians
 
 
 def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Keeping:
@@ -34,24 +31,14 @@ def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Ke
     return kept
 
 
-@dataclass(frozen=True, eq=False)
-class _Places:
-    """As `CommonPlaces`, with the number of each exposure, its geometry and its first Gaussians."""
-
-    placed: tuple[tuple[int, Geometry, Gaussians], ...]
-    left_out: tuple[Finding, ...]
-    notes: tuple[Finding, ...]
-
-
 def kept_places(unfinished: Unfinished, observed: Sequence[ObservedExposure]) -> CommonPlaces:
     """Bring exposures into common coordinates, unless that is done; errors as of `places`."""
 
-    def place() -> _Places:
+    def place() -> Any:
         found = places(observed)
         placed = tuple((one.of.number, one.geometry, one.start) for one in found.placed)
-        return _Places(placed, found.left_out, found.notes)
+        return placed, found.left_out, found.notes
 
-    kept = unfinished.done("places", place)()
+    kept, *said = unfinished.done("places", place)()
     by_number = {one.number: one for one in observed}
-    placed = tuple(PlacedExposure(by_number[number], path, start) for number, path, start in kept.placed)
-    return CommonPlaces(placed, kept.left_out, kept.notes)
+    return CommonPlaces(tuple(PlacedExposure(by_number[number], *own) for number, *own in kept), *said)

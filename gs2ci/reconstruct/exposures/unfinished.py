@@ -18,8 +18,8 @@ Here: the folder, its key. Not here: how records become files (`packing`), what 
 import hashlib
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci import __version__
+from gs2ci.core.alone import alone_in
 from gs2ci.core.errors import StorageError, reason_of
 from gs2ci.core.json_text import as_json
 from gs2ci.core.progress import Progress
@@ -98,6 +99,26 @@ class Unfinished:
                 allowed="no such folder, or that of an unfinished run",
                 remedy="move it away, or choose another place with -o",
             )
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other runs out of the folder meanwhile; it goes if nothing is kept in it.
+
+        Raises:
+            StorageError: Another run works there.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        taken = StorageError(
+            f"another reconstruction works in {self.folder} now",
+            allowed="one at a time for an output",
+            remedy="wait for it, it may be the same; or choose another output with -o",
+        )
+        with alone_in(self.folder, taken):
+            try:
+                yield
+            finally:
+                with suppress(OSError):
+                    self.folder.rmdir()
 
     def begin(self, progress: Progress) -> None:
         """Say what of an earlier run goes on; remove what is of other exposures or settings."""

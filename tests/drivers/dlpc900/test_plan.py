@@ -63,7 +63,12 @@ def test_times_and_triggers_do_not_change_the_fingerprint_but_masks_and_depth_do
     same = replace(SEQUENCE, exposure_s=1e-3, pause_s=0.0, trigger=TriggerOut.NONE, repeats=9)
     assert digest_masks(same) == digest_masks(SEQUENCE)
     assert digest_masks(replace(SEQUENCE, masks=1 - MASKS)) != digest_masks(SEQUENCE)
-    assert digest_masks(replace(SEQUENCE, bit_depth=2)) != digest_masks(SEQUENCE)
+    deeper = replace(SEQUENCE, bit_depth=2)
+    assert digest_masks(deeper) != digest_masks(SEQUENCE)
+    assert digest_masks(replace(deeper, masks=3 * MASKS)) not in (
+        digest_masks(deeper),
+        digest_masks(replace(deeper, masks=2 * MASKS)),
+    )
     assert digest_masks(replace(SEQUENCE, masks=MASKS.reshape(30, 10, 8))) != digest_masks(SEQUENCE)
 
 

@@ -233,6 +233,20 @@ def test_what_was_asked_to_end_early_is_not_kept_as_done(tmp_path, whole):
     assert numbers(run(tmp_path / "kept").result) == whole
 
 
+def test_a_second_run_on_the_same_output_is_refused_while_the_first_works(begun):
+    other = Unfinished(begun, "key")
+    with other.alone(), pytest.raises(StorageError, match="another reconstruction works in"):
+        run(begun)
+    with pytest.raises(Killed):
+        run(begun, Life(0))
+
+
+def test_a_run_that_keeps_nothing_leaves_no_folder(tmp_path):
+    with pytest.raises(Killed):
+        run(tmp_path / "kept", Life(0))
+    assert not (tmp_path / "kept").exists()
+
+
 def test_time_counts_on(tmp_path, monkeypatch):
     monkeypatch.setattr(joint.Unfinished, "is_due", lambda _: True)
     with pytest.raises(Killed):

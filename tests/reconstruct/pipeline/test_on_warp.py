@@ -17,7 +17,7 @@ from gs2ci.render import devices, places
 from gs2ci.render.cards import Card, Cuda
 from gs2ci.render.devices import CudaProbe
 from tests.nightly import NIGHTLY, but
-from tests.render.pretended_card import pretended_card
+from tests.render.pretended_card import lies_there, pretended_card
 from tests.stability.benches import Bench
 
 # Warp's name of the CPU, as if it were a card.
@@ -91,7 +91,9 @@ def test_tensors_of_a_card_and_of_the_host_are_kept_apart(case):
     shot, settings = Bench(scene, views=4).expose((24, 32)), replace(preset(name), backend="warp")
     settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
     with pretended_card() as card:
-        there = pipeline.reconstruct(shot, settings).result
+        found = pipeline.reconstruct(shot, settings)
+    there = found.result
+    assert not any(map(lies_there, found.scene.parameters().values()))
     here = pipeline.reconstruct(shot, replace(settings, backend="cpu")).result
     assert card.names.total() > 10_000
     assert not [name for name in IN_ANY_ORDER if card.names[name]]

@@ -83,15 +83,17 @@ class FitState:
         # At depth 1, which is the scene's median depth.
         self._px_per_length = float(geometry.intrinsics[0, 0])
         self._pixels = size[0] * size[1]
-        path = np.concatenate([one.geometry.world_to_camera for one in exposures])
-        self.extent = length_of(settings.steps.unit, path)
+        paths = [one.geometry.world_to_camera for one in exposures]
+        # Of one path, not of all together: with steps as short as parallax along all of them allows, a schedule does
+        # not reach depths that first ones, found along one path, are far from.
+        self.extent = float(np.median([length_of(settings.steps.unit, path) for path in paths]))
         self.cap = _UNBOUNDED
         if settings.gaussians_per_pixel is not None:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * size[0] * size[1]))
         self._bounded = False
         self._device = first.renderer.device
         self.optimiser = GaussianOptimiser(
-            self._there(start), settings.steps, self.extent, _reference_view(geometry, path), self._px_per_length
+            self._there(start), settings.steps, self.extent, _reference_view(geometry, paths), self._px_per_length
         )
         self.generator = torch.Generator().manual_seed(seed)
 
@@ -371,17 +373,18 @@ def _depth_field(settings: CoarseSettings, geometry: Geometry, renderer: ShotRen
     return DepthField(settings.surfaces.depth_field, geometry.reference, (across, down))
 
 
-def _reference_view(geometry: Geometry, path: F64) -> ReferenceView | None:
+def _reference_view(geometry: Geometry, paths: Sequence[F64]) -> ReferenceView | None:
     """Return the view in whose coordinates positions step; None without a path, when nothing tells depth.
 
     Args:
         geometry: Of the first exposure.
-        path: Poses of all exposures, [V, 4, 4].
+        paths: Poses of each exposure, [N, 4, 4].
     """
     if not geometry.has_path:
         return None
     pose = geometry.world_to_camera[geometry.reference]
-    return ReferenceView(pose, float(geometry.intrinsics[0, 0]), path_length(path))
+    length = float(np.median([path_length(path) for path in paths]))
+    return ReferenceView(pose, float(geometry.intrinsics[0, 0]), length)
 
 
 def _joined(sources: Sequence[MarginSource]) -> MarginSource:

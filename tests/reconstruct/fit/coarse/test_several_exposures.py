@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.core.cameras import path_extent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse.exposure import ExposureState, FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
@@ -64,6 +65,26 @@ def test_a_round_works_on_each_exposure_once(exposures, monkeypatch):
     rounds = [worked[at : at + 3] for at in range(0, 12, 3)]
     assert all({id(one) for one in turn} == {id(one) for one in given} for turn in rounds)
     assert len({tuple(id(one) for one in turn) for turn in rounds}) > 1
+
+
+def test_steps_of_depth_are_as_long_as_along_one_path_however_far_apart_exposures_lie(exposures):
+    one, other, _ = exposures[0]
+    path = other.geometry.world_to_camera.copy()
+    path[:, 0, 3] += 10 * path_extent(path)
+    far = replace(other, geometry=replace(other.geometry, world_to_camera=path))
+    start = first_gaussians(seed_points(one.geometry, np.full((*one.holdout.shot.masks.shape, 3), 0.5, np.float32), 2))
+    moved = []
+    for given in ((one,), (one, far)):
+        fit = FitState(given, start, QUICK, 0)
+        pose = one.geometry.world_to_camera[one.geometry.reference]
+        ahead = torch.from_numpy(pose[2, :3]).float()
+        fit.scene.means.grad = ahead.expand_as(fit.scene.means).clone()
+        before = fit.scene.means.detach().clone()
+        fit.optimiser.step(0.0)
+        moved.append(((fit.scene.means.detach() - before) @ ahead).numpy())
+        assert fit.extent == pytest.approx(path_extent(one.geometry.world_to_camera))
+    assert np.abs(moved[0]).min() > 0
+    np.testing.assert_allclose(moved[1], moved[0])
 
 
 def test_one_scene_predicts_the_held_out_pixels_of_all(exposures):
