@@ -60,4 +60,17 @@ with _same_signals():
             raise
         pycolmap = _Absent()
 
-__all__ = ["pycolmap"]
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Keep pycolmap's messages off the terminal, where its results are checked by whoever uses them."""
+    logging = pycolmap.logging
+    level, aloud = logging.minloglevel, logging.logtostderr
+    logging.minloglevel = int(logging.FATAL)
+    try:
+        yield
+    finally:
+        logging.minloglevel, logging.logtostderr = level, aloud
+
+
+__all__ = ["pycolmap", "quietly"]

@@ -251,7 +251,7 @@ def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[
         value, error = float(known[one.name]), known[one.name].error
         if abs(value) < one.errors * error:
             return False
-        if one.change is None:
+        if one.per_px is None:
             return abs(value) >= one.least
         placement = _misfit({one.name: value}).placement
         return float(np.linalg.norm(placement.displacement_px(size), axis=1).max()) >= MATTERS_PX

@@ -49,11 +49,12 @@ class Part:
 PLAN = (
     Part("here", gpu_parts.here, 30),
     Part("errors", gpu_parts.errors, 90),
+    Part("beside_the_host", gpu_parts.beside_the_host, 60),
     Part("iterations", gpu_parts.iterations, 120),
     Part("standard", gpu_parts.standard, 240),
     Part("draft", gpu_parts.draft, 60),
     Part("worst_kernel", gpu_parts.worst_kernel, 20),
-    Part("races", gpu_parts.races, 200),
+    Part("races", gpu_parts.races, 240),
     Part("beside_gsplat", gpu_parts.beside_gsplat, 120),
     Part("large_draft", gpu_parts.large_draft, 120),
     Part("exponent", gpu_parts.exponent, 180),

@@ -4,13 +4,15 @@ Everything takes the renderer's device from `WarpBackend.place`, so that the flo
 """
 
 import importlib.util
+import itertools
 import os
 import shutil
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,13 +21,20 @@ import numba
 import numpy as np
 import torch
 
+from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.decode.patches.denoiser import _denoise
+from gs2ci.reconstruct.decode.patches.flow import Flow
+from gs2ci.reconstruct.decode.patches.matching import SIDE, Lattice, find_groups
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render import recording
+from gs2ci.render import places, recording
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import working_on
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.trial import error_on
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
@@ -34,6 +43,7 @@ from tests.stability.benches import Bench
 
 SIZES = [(2000, (96, 128), 8), (12000, (192, 256), 8), (48000, (512, 512), 8), (48000, (512, 512), 32)]
 ROUNDS = 20
+_SANITIZED_S = 90
 SANITIZERS = (Path("/usr/local/cuda/bin/compute-sanitizer"), Path("/opt/cuda/bin/compute-sanitizer"))
 
 
@@ -113,6 +123,59 @@ def errors(asked: Asked) -> None:
     same = all(torch.equal(one[name], called[name]) for one in others for name in truth)
     print(f"graphs captured: {recording.captured() - captured}; refused: {recording.refusal() or 'no'}")
     print(f"three replayed renderings have the bits of the one that was called: {'yes' if same else 'NO'}")
+
+
+def beside_the_host(asked: Asked) -> None:
+    """What else a device computes, beside the host's: a fit's iterations, groups of patches, GAP-TV, a plane sweep."""
+    from tests.benchmarks.gpu_model import iteration, state  # noqa: PLC0415  it takes its sizes from here
+
+    count, size = (60, (24, 32)) if asked.small else (2000, (96, 128))
+
+    def fitted(backend: Any) -> list[torch.Tensor]:
+        fit = state(count, size, 3, backend)
+        for _ in range(6):
+            iteration(fit)
+        return [one.detach().cpu() for one in fit.scene.parameters().values()]
+
+    there, again = fitted(asked.backend), fitted(asked.backend)
+    with _the_hosts_turn():
+        here = fitted(load_backend("cpu", Settings().raster))
+    # Adam's first steps have the sign of a gradient, even if that is all rounding: not the largest tells.
+    apart = max(float((one - other).abs().median()) for one, other in zip(there, here, strict=True))
+    _tell("parameters after 6 iterations", apart, all(map(torch.equal, there, again)))
+    draws = np.random.default_rng(0)
+    views = (0.5 + 0.1 * draws.standard_normal((4, *size))).astype(np.float32)
+    groups = find_groups(views, Flow.between(views), Lattice(per_group=16), 0)
+    masks = (draws.random((4, *size)) < 0.5).astype(np.float32)
+    shot = Shot((masks * views).sum(axis=0)[..., None], masks, np.ones(4, np.float32))
+    poses = small_motion(4).double().numpy()
+    intrinsics = np.array([[size[1], 0, size[1] / 2], [0, size[1], size[0] / 2], [0, 0, 1.0]])
+    swept = SweepSettings(planes=16)
+    for name, work in {
+        "groups of patches": lambda: _denoise(views[None], groups, (SIDE, SIDE), 0.1, views[None]),
+        "GAP-TV": lambda: decode_signed(shot, GapTvSettings(iterations=4)),
+        "inverse depths of a sweep": lambda: sweep(views[..., None], poses, intrinsics, 0, (0.2, 1.0), swept),
+    }.items():
+        with working_on(asked.backend.device):
+            found, same = work(), work()
+        with _the_hosts_turn():
+            _tell(name, float(np.median(np.abs(found - work()))), bool((found == same).all()))
+
+
+@contextmanager
+def _the_hosts_turn() -> Iterator[None]:
+    """Let the host be the host, where it stands in for a device."""
+    stands_in = places.is_apart(torch.device("cpu"))
+    places.count_host_as_device(yes=False)
+    try:
+        yield
+    finally:
+        places.count_host_as_device(yes=stands_in)
+
+
+def _tell(name: str, apart: float, same: bool) -> None:
+    bits = "the same bits twice" if same else "OTHER BITS the second time"
+    print(f"{name}: in the median {apart:.1e} from the host's; {bits}")
 
 
 def _outcomes(
@@ -262,22 +325,19 @@ def races(asked: Asked) -> None:
     if tool is None or not asked.is_cuda:
         print("compute-sanitizer is not there: races were not looked for" if tool is None else "no CUDA device")
         return
-    for kind in ("racecheck", "memcheck"):
+    for part, kind in itertools.product(("errors", "beside_the_host"), ("racecheck", "memcheck")):
         command = [tool, "--tool", kind, "--error-exitcode", "9", sys.executable, "-m", "tests.benchmarks", "gpu"]
-        surroundings = {
-            **os.environ,
-            "GS2CI_WATCHED": "1",
-            "GS2CI_PARTS": "errors",
-            "GS2CI_SMALL": "1",
-            "GS2CI_DEVICE": asked.place,
-        }
+        own = {"GS2CI_WATCHED": "1", "GS2CI_PARTS": part, "GS2CI_SMALL": "1", "GS2CI_DEVICE": asked.place}
         try:
-            done = subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=100, check=False)
+            done = subprocess.run(
+                command, env={**os.environ, **own}, capture_output=True, text=True, timeout=_SANITIZED_S, check=False
+            )
         except subprocess.TimeoutExpired:
-            print(f"{kind}: not done within 100 s")
+            print(f"{kind} of {part}: not done within {_SANITIZED_S} s", flush=True)
             continue
         summary = [line for line in done.stdout.splitlines() if line.startswith("=========")][-1:]
-        print(f"{kind}: exit {done.returncode}; {' '.join(summary) or done.stderr.strip()[-300:]}")
+        said = " ".join(summary) or done.stderr.strip()[-300:]
+        print(f"{kind} of {part}: exit {done.returncode}; {said}", flush=True)
 
 
 def beside_gsplat(asked: Asked) -> None:

@@ -18,6 +18,7 @@ either, or the tracks' path is doubtful, a uniform motion is estimated (`python 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -33,18 +34,17 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors, poses_of_stage
 from gs2ci.reconstruct.geometry.path.validity import Criteria, doubts_about_path
-from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
+from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, Source, from_tracks
 from gs2ci.reconstruct.geometry.reversal import turned
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.sources.sources import (
-    FromDisplacements,
-    FromFile,
-    FromRest,
-    FromStage,
-    FromTracks,
-    FromUniform,
-    FromWide,
+    from_displacements,
+    from_file,
+    from_rest,
+    from_stage,
+    from_uniform,
+    from_wide,
     matched_motion,
     uniform_motion,
 )
@@ -75,22 +75,22 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         InputError: No such name, no such file, or a model file that cannot be used.
         StorageError: The list of added models cannot be read.
     """
-    by_name: dict[str, Callable[[], GeometryPrior]] = {
-        PathSource.TRACKS: FromTracks,
-        PathSource.STAGE: FromStage,
-        PathSource.MATCHES: FromWide,
-        PathSource.DISPLACEMENTS: FromDisplacements,
-        PathSource.UNIFORM: FromUniform,
-        PathSource.REST: FromRest,
-        _AUTO: Auto,
+    by_name: dict[str, Callable[[Request, Progress], Geometry]] = {
+        PathSource.TRACKS: from_tracks,
+        PathSource.STAGE: from_stage,
+        PathSource.MATCHES: from_wide,
+        PathSource.DISPLACEMENTS: from_displacements,
+        PathSource.UNIFORM: from_uniform,
+        PathSource.REST: from_rest,
+        _AUTO: auto,
     }
     if name in by_name:
-        return by_name[name]()
+        return Source(name, by_name[name])
     if name.startswith(_FILE):
         path = Path(name.removeprefix(_FILE))
         if not path.exists():
             raise InputError(f"no camera file {path}", allowed="a COLMAP model's folder or a transforms.json")
-        return FromFile(path)
+        return Source(PathSource.FILE, partial(from_file, path))
     if name.startswith(PathSource.VGGT):
         of_the_paper: GeometryPrior | None = paper_part(PaperPart.VGGT)(name)
         if of_the_paper is not None:
@@ -121,50 +121,44 @@ class _Answer:
     joined: int = 0
 
 
-@dataclass(frozen=True)
-class Auto:
-    """Uses all available sources, and lets the measurement choose."""
-
-    name: str = _AUTO
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Estimate the geometry; see `GeometryPrior`."""
-        left_out = request.settings.left_out
-        may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
-        still = share_at_rest(request.shot) if may_rest else 0.0
-        if still > 0:
-            return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
-        tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
-        say_how_found(tracks, progress)
-        names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
-        if names == (PathSource.TRACKS,) and not doubtful:
-            return tracks
-        answers = [
-            _judged(request, tracks.source, tracks) if name == PathSource.TRACKS else _asked(request, name, progress)
-            for name in names
-        ]
+def auto(request: Request, progress: Progress) -> Geometry:
+    """Use all available sources, and let the measurement choose; see `GeometryPrior`."""
+    left_out = request.settings.left_out
+    may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
+    still = share_at_rest(request.shot) if may_rest else 0.0
+    if still > 0:
+        return from_rest(request, progress, finding(Code.CAMERA_AT_REST, share=still))
+    tracks = _tracks_or_displacements(request, from_tracks(request, progress))
+    say_how_found(tracks, progress)
+    names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
+    if names == (PathSource.TRACKS,) and not doubtful:
+        return tracks
+    answers = [
+        _judged(request, tracks.source, tracks) if name == PathSource.TRACKS else _asked(request, name, progress)
+        for name in names
+    ]
+    standing = _standing(answers)
+    if standing is None and LeftOut.WIDE_MATCHES not in left_out:
+        answers.append(_matched(request, tracks))
         standing = _standing(answers)
-        if standing is None and LeftOut.WIDE_MATCHES not in left_out:
-            answers.append(_matched(request, tracks))
-            standing = _standing(answers)
-        first = standing is None or standing.source == tracks.source
-        if doubtful and first and LeftOut.UNIFORM_MOTION not in left_out:
-            answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
-            standing = _standing(answers)
-        chosen = tracks if standing is None else standing
-        if PathSource.STAGE in names and chosen.source == tracks.source:
-            chosen = _in_the_order_of(answers[0].geometry, chosen)
-        answered = ", ".join(answer.said for answer in answers)
-        notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
-        if PathSource.STAGE in names and standing is not None and standing.source != PathSource.STAGE:
-            refused = answers[0].geometry is None or not answers[0].geometry.has_path
-            lies = refused and _lies_in_its_sign(request)
-            notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
-        elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
-            notes.append(finding(Code.STAGE_MOTION_UNSEEN))
-        said(notes, progress)
-        joined = max(answer.joined for answer in answers)
-        return replace(chosen, notes=(*notes, *chosen.notes), joined=joined)
+    first = standing is None or standing.source == tracks.source
+    if doubtful and first and LeftOut.UNIFORM_MOTION not in left_out:
+        answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
+        standing = _standing(answers)
+    chosen = tracks if standing is None else standing
+    if PathSource.STAGE in names and chosen.source == tracks.source:
+        chosen = _in_the_order_of(answers[0].geometry, chosen)
+    answered = ", ".join(answer.said for answer in answers)
+    notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
+    if PathSource.STAGE in names and standing is not None and standing.source != PathSource.STAGE:
+        refused = answers[0].geometry is None or not answers[0].geometry.has_path
+        lies = refused and _lies_in_its_sign(request)
+        notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
+    elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
+        notes.append(finding(Code.STAGE_MOTION_UNSEEN))
+    said(notes, progress)
+    joined = max(answer.joined for answer in answers)
+    return replace(chosen, notes=(*notes, *chosen.notes), joined=joined)
 
 
 def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
@@ -263,30 +257,28 @@ def _matched(request: Request, tracks: Geometry) -> _Answer:
     try:
         found = matched_motion(request, tracks)
     except GeometryError as error:
-        return _Answer(None, float("inf"), f"the {PathSource.MATCHES} matches failed ({error.problem})")
+        return _failed("wide matches", error.problem)
     if not found.has_path:
-        return _Answer(
-            None, float("inf"), f"the {PathSource.MATCHES} matches failed (no scene that all views join)", found.joined
-        )
+        return replace(_failed("wide matches", "no scene that all views join"), joined=found.joined)
     answer = _judged(request, PathSource.MATCHES, found)
-    return answer if answer.left < _CLEARLY * _left_at_rest(request, found) else replace(answer, geometry=None)
+    return answer if explains_more_than_rest(request, found) else replace(answer, geometry=None)
 
 
 def explains_more_than_rest(request: Request, found: Geometry) -> bool:
     """Tell whether a geometry explains the measurement clearly better than a camera at rest before a plane."""
-    left = unexplained(request.shot, request.views, found, request.lens)
-    return left < _CLEARLY * _left_at_rest(request, found)
-
-
-def _left_at_rest(request: Request, found: Geometry) -> float:
-    return unexplained(request.shot, request.views, at_rest(found), request.lens)
+    left, at_most = (unexplained(request.shot, request.views, one, request.lens) for one in (found, at_rest(found)))
+    return left < _CLEARLY * at_most
 
 
 def _asked(request: Request, name: str, progress: Progress) -> _Answer:
     try:
         return _judged(request, name, load_geometry_prior(name)(request, progress))
     except Gs2ciError as error:
-        return _Answer(None, float("inf"), f"the {name} failed ({error.problem})")
+        return _failed(name, error.problem)
+
+
+def _failed(name: str, problem: str) -> _Answer:
+    return _Answer(None, float("inf"), f"the {name} failed ({problem})")
 
 
 def _judged(request: Request, name: str, geometry: Geometry) -> _Answer:

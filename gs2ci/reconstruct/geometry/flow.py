@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.geometry.depth.view_depths import grid
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.render.conventions import NEAR
+from gs2ci.reconstruct.geometry.path.motion import predict_positions
 
 # Flow would follow the residue of the masks in decoded views: more blur than for corners, which stand out from it.
 _BLUR_PX: Final = 1.5
@@ -51,13 +52,8 @@ def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
 
 def still_flow(geometry: Geometry, view: int) -> F64:
     """Return the flow of a scene at rest from the reference view to another, [H, W, 2] in px."""
-    height, width = geometry.inverse_depth.shape
-    rows, columns = np.mgrid[:height, :width] + 0.5
-    pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1)
-    rays = pixels @ np.linalg.inv(geometry.intrinsics).T
-    moved = geometry.world_to_camera[view] @ np.linalg.inv(geometry.world_to_camera[geometry.reference])
-    # In units of the depth: X = R ray + t ρ.
-    points = rays @ moved[:3, :3].T + moved[:3, 3] * geometry.inverse_depth[..., None]
-    seen = (points / np.maximum(points[..., 2:], NEAR)) @ geometry.intrinsics.T
-    flow: F64 = (seen - pixels)[..., :2]
-    return flow
+    depth, poses = geometry.inverse_depth.astype(np.float64), geometry.world_to_camera
+    pixels = grid(depth.shape, 1)
+    moved = poses[[view]] @ np.linalg.inv(poses[geometry.reference])
+    flow = predict_positions(pixels, depth.ravel(), moved, geometry.intrinsics)[:, 0] - pixels
+    return flow.reshape(*depth.shape, 2)

@@ -4,31 +4,29 @@ Here: the order of the steps and the fallbacks. Not here: any step itself. `gs2c
 import `Geometry` and `initialise` from this file.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
 from gs2ci.reconstruct.geometry.depth.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
-from gs2ci.reconstruct.geometry.path.focal import FocalSettings, default_focal, estimate_focal
+from gs2ci.reconstruct.geometry.path.focal import Focal, FocalSettings, default_focal, estimate_focal
 from gs2ci.reconstruct.geometry.path.halves import expected_path_error, times_better_foretold
 from gs2ci.reconstruct.geometry.path.motion import (
     CameraMotion,
     MotionSettings,
     adjust,
+    at_unit_depth,
     estimate_motion,
     predict_positions,
     preference,
@@ -54,10 +52,6 @@ from gs2ci.reconstruct.geometry.tracks.tracks import (
     refine_tracks,
     within,
 )
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 # A point counts if at least this share of the views see it.
 _LEAST_SHARE_OF_VIEWS = 0.6
@@ -124,11 +118,11 @@ class Geometry:
     focal_source: str
     inverse_depth: F32
     reference: int
-    tracks: int
-    reprojection_rms_px: float
-    parallax_px: float
-    verdict: Verdict
-    notes: tuple[Finding, ...]
+    tracks: int = 0
+    reprojection_rms_px: float = 0.0
+    parallax_px: float = 0.0
+    verdict: Verdict = Verdict.UNSUPPORTED
+    notes: tuple[Finding, ...] = ()
     source: str = PathSource.TRACKS
     path_error_expected: float | None = None
     unit: float | None = None
@@ -222,29 +216,12 @@ def initialise(
         GeometryError: The known poses contradict the tracks.
     """
     _check(views, intrinsics)
-    settings, progress = (settings or GeometrySettings()).check(), progress or Silent()
+    progress = progress or Silent()
     progress.stage("geometry", 3)
-    size, reference = (views.shape[1], views.shape[2]), len(views) // 2
-    corners = find_corners(views, reference, settings.tracks)
-    tracks = _followed(views, corners, settings, seen)
-    progress.step(1, tracks=len(tracks))
-    doubts = doubts_about_tracks(tracks, size, settings.criteria)
-    flat = geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
-    if not doubts:
-        again = partial(_second_look, views=views, corners=corners, settings=settings, seen=seen)
-        found = _found_twice(flat, tracks, known_poses, settings, again, moved=known_poses is not None)
-        if found.geometry.verdict in (Verdict.ROTATION_ONLY, Verdict.STATIC):
-            moved = _found_twice(flat, tracks, None, settings, again, moved=True)
-            found = moved if _halves_agree(moved, settings) else found
-        geometry = found.geometry
-        progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
-        if geometry.has_path:
-            geometry = _doubted(found, settings) if known_poses is None else measured(geometry, known_poses)
-            geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
-            geometry = _with_reverse(replace(found, geometry=geometry), views, settings, posed=known_poses is not None)
+    found = _Estimation(views, (settings or GeometrySettings()).check(), seen).run(intrinsics, known_poses, progress)
     progress.step(3)
-    said(geometry.notes, progress)
-    return geometry
+    said(found.notes, progress)
+    return found
 
 
 def before_camera_at_rest(
@@ -259,21 +236,26 @@ def before_camera_at_rest(
         settings: With the latter.
         note: Why the camera is taken to be at rest.
     """
-    if intrinsics is None:
-        assumed = default_focal(size, "a camera at rest does not show it", settings)
-        flat = _flat(views, size, (assumed.intrinsics, assumed.source, (note,)), ())
-    else:
-        flat = _flat(views, size, (intrinsics.astype(np.float64), "file", (note,)), ())
+    camera = _known(intrinsics) or default_focal(size, "a camera at rest does not show it", settings)
+    flat = flat_geometry(views, size, replace(camera, notes=(note,)))
     return replace(flat, verdict=Verdict.STATIC, source=PathSource.REST)
+
+
+def flat_geometry(views: int, size: tuple[int, int], camera: Focal) -> Geometry:
+    """Return the assumption without an estimate: a camera at rest in front of a plane at inverse depth 1."""
+    return Geometry(
+        world_to_camera=np.tile(np.eye(4), (views, 1, 1)),
+        intrinsics=camera.intrinsics,
+        focal_source=camera.source,
+        inverse_depth=np.ones(size, np.float32),
+        reference=views // 2,
+        notes=camera.notes,
+    )
 
 
 def usable_tracks(views: F32, settings: GeometrySettings, seen: Bool | None = None) -> Tracks:
     """Find the tracks that a geometry may be based on, from the corners of the middle view; there may be none."""
-    return _followed(views, find_corners(views, len(views) // 2, settings.tracks), settings, seen)
-
-
-def _followed(views: F32, corners: F64, settings: GeometrySettings, seen: Bool | None) -> Tracks:
-    return _usable(find_tracks(views, len(views) // 2, corners, settings.tracks), settings.criteria, seen)
+    return _Estimation(views, settings, seen).tracks
 
 
 @dataclass(frozen=True)
@@ -285,107 +267,219 @@ class _Found:
     tracks: Tracks
 
 
-def _found_twice(
-    flat: Geometry,
-    tracks: Tracks,
-    known_poses: F64 | None,
-    settings: GeometrySettings,
-    again: Callable[[_Found, Tracks], Tracks],
-    *,
-    moved: bool,
-) -> _Found:
-    """Estimate the camera's motion, and again from new tracks that start where the first estimate predicts them.
+class _Estimation:
+    """The steps from views to a geometry.
 
     Args:
-        flat: The assumption without an estimate.
-        tracks: All usable ones.
-        known_poses: Poses to use, or None.
+        views: As for `initialise`.
         settings: Of every step.
-        again: Finds the new tracks.
-        moved: Whether the camera is known to have moved; otherwise the tracks must show it.
+        seen: As for `initialise`.
     """
-    first = _found(flat, tracks, known_poses, settings, moved=moved)
-    if not first.geometry.has_path or LeftOut.TRACKS_SOUGHT_TWICE in settings.left_out:
-        return first
-    second = _found(flat, again(first, tracks), known_poses, settings, moved=moved)
-    return second if second.geometry.has_path else first
 
+    def __init__(self, views: F32, settings: GeometrySettings, seen: Bool | None) -> None:
+        self.views, self.settings, self.seen = views, settings, seen
+        self.size, self.reference = (views.shape[1], views.shape[2]), len(views) // 2
+        self.corners = find_corners(views, self.reference, settings.tracks)
+        self.tracks = self.usable(find_tracks(views, self.reference, self.corners, settings.tracks))
 
-def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
-    """Tell whether halves of the tracks give the same path, as they do if the camera moved.
+    def usable(self, tracks: Tracks) -> Tracks:
+        """Keep tracks that most views see, and drop the views that too few tracks reach."""
+        tracks = tracks if self.seen is None else within(tracks, self.seen)
+        long = tracks.seen_by_at_least(max(2, int(np.ceil(_LEAST_SHARE_OF_VIEWS * len(self.views)))))
+        positions = long.positions.copy()
+        positions[:, ~supported_views(long, self.settings.criteria)] = np.nan
+        return Tracks(positions, tracks.reference).seen_by_at_least(2)
 
-    If a path comes from the tracks' errors, each half gives a different one.
-    """
-    geometry, criteria = found.geometry, settings.criteria
-    if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
-        return False
-    error = _expected_error(found, settings)
-    return halves_agree(error, criteria)
+    def run(self, intrinsics: F64 | None, known_poses: F64 | None, progress: Progress) -> Geometry:
+        """Do all steps."""
+        progress.step(1, tracks=len(self.tracks))
+        doubts = doubts_about_tracks(self.tracks, self.size, self.settings.criteria)
+        self.flat = flat_geometry(len(self.views), self.size, _known(intrinsics) or self.focal(doubts))
+        if doubts:
+            return replace(self.flat, notes=(*self.flat.notes, *doubts, PLANE_NOTE))
+        posed = known_poses is not None
+        found = self.found_twice(known_poses, moved=posed)
+        if found.geometry.verdict in (Verdict.ROTATION_ONLY, Verdict.STATIC):
+            moved = self.found_twice(None, moved=True)
+            found = moved if self.halves_agree(moved) else found
+        geometry = found.geometry
+        progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
+        if not geometry.has_path:
+            return geometry
+        geometry = self.doubted(found) if known_poses is None else measured(geometry, known_poses)
+        geometry = replace(geometry, inverse_depth=self.depth(geometry, found.motion))
+        return self.with_reverse(replace(found, geometry=geometry), posed=posed)
 
+    def focal(self, doubts: tuple[Finding, ...]) -> Focal:
+        """Estimate the focal length, if there are no doubts about the tracks."""
+        settings = self.settings
+        if doubts:
+            return default_focal(self.size, "too few points could be tracked to estimate it", settings.focal)
+        return estimate_focal(self.tracks, self.size, settings.focal, settings.motion)
 
-def _found(
-    flat: Geometry, tracks: Tracks, known_poses: F64 | None, settings: GeometrySettings, *, moved: bool
-) -> _Found:
-    """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
-    how, candidates = settings.motion, len(tracks)
-    if known_poses is not None:
-        motion, kept = place_points(tracks, known_poses, flat.intrinsics, how.huber_px, how.outlier_px)
-        return _Found(_moved(flat, candidates, kept, motion, settings, moved=True, posed=True), motion, kept)
-    motion, kept = estimate_motion(tracks, flat.intrinsics, how)
-    first = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
-    if not first.geometry.has_path or LeftOut.ADJUSTMENT_OF_POINTS in settings.left_out:
-        return first
-    return _freed(first, flat, candidates, settings, moved=moved)
+    def found_twice(self, known_poses: F64 | None, *, moved: bool) -> _Found:
+        """Estimate the camera's motion, and again from new tracks that start where the first estimate predicts them.
 
+        Args:
+            known_poses: Poses to use, or None.
+            moved: Whether the camera is known to have moved; otherwise the tracks must show it.
+        """
+        first = self.found(self.tracks, known_poses, moved=moved)
+        if not first.geometry.has_path or LeftOut.TRACKS_SOUGHT_TWICE in self.settings.left_out:
+            return first
+        second = self.found(self.second_look(first), known_poses, moved=moved)
+        return second if second.geometry.has_path else first
 
-def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings, *, moved: bool) -> _Found:
-    """Adjust again with points that may leave the rays of their corners; return `found` if that fails.
+    def halves_agree(self, found: _Found) -> bool:
+        """Tell whether halves of the tracks give the same path, as they do if the camera moved.
 
-    The positions in the middle view have errors like all others, most of all from the residue of its mask. Over 38
-    first geometries this adjustment lowered the error of the path by 15 % and that of rotations by 11 % in the
-    geometric mean, and by half in the scene whose cameras go forward (`python -m tests.benchmarks path_error`). It
-    needs a start near its minimum.
-    """
-    how = settings.motion
-    try:
-        poses = adjust_bundle(
-            found.tracks, found.motion.world_to_camera, flat.intrinsics, how.huber_px, refine_focal=False
-        ).world_to_camera
-        motion, kept = place_points(found.tracks, poses, flat.intrinsics, how.huber_px, how.outlier_px)
-    except GeometryError:
-        return found
-    freed = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
-    return freed if freed.geometry.has_path else found
+        If a path comes from the tracks' errors, each half gives a different one.
+        """
+        geometry, criteria = found.geometry, self.settings.criteria
+        if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
+            return False
+        return halves_agree(self.expected_error(found), criteria)
 
+    def found(self, tracks: Tracks, known_poses: F64 | None, *, moved: bool) -> _Found:
+        """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
+        if known_poses is not None:
+            return self.judged(len(tracks), *self.placed(tracks, known_poses), moved=True, posed=True)
+        motion, kept = estimate_motion(tracks, self.flat.intrinsics, self.settings.motion)
+        first = self.judged(len(tracks), motion, kept, moved=moved)
+        if not first.geometry.has_path or LeftOut.ADJUSTMENT_OF_POINTS in self.settings.left_out:
+            return first
+        return self.freed(first, len(tracks), moved=moved)
 
-def _second_look(
-    found: _Found, tracks: Tracks, *, views: F32, corners: F64, settings: GeometrySettings, seen: Bool | None
-) -> Tracks:
-    """Track all corners again, starting where a rough depth map predicts them; return the first tracks if that fails.
+    def placed(self, tracks: Tracks, poses: F64) -> tuple[CameraMotion, Tracks]:
+        """Place the points of tracks by known poses."""
+        how = self.settings.motion
+        return place_points(tracks, poses, self.flat.intrinsics, how.huber_px, how.outlier_px)
 
-    On fourteen decoded scenes this lowered the error of the path by 5 % and that of rotations by 9 %; where only few
-    tracks had been found, it doubled their number.
-    """
-    rough = replace(
-        settings.sweep,
-        planes=max(settings.sweep.planes // 2, LEAST_PLANES),
-        most_pixels=min(settings.sweep.most_pixels, views[0, ..., 0].size) // 4,
-    )
-    geometry = found.geometry
-    span = inverse_depth_range(found.motion.inverse_depth, rough)
-    depth = sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, rough)
-    at = corners.astype(int)
-    predicted = predict_positions(
-        corners, depth[at[:, 1], at[:, 0]].astype(np.float64), geometry.world_to_camera, geometry.intrinsics
-    )
-    again = _usable(refine_tracks(views, geometry.reference, predicted, settings.tracks), settings.criteria, seen)
-    loses_views = again.seen.any(axis=0).sum() < tracks.seen.any(axis=0).sum()
-    return tracks if loses_views or doubts_about_tracks(again, depth.shape, settings.criteria) else again
+    def freed(self, found: _Found, candidates: int, *, moved: bool) -> _Found:
+        """Adjust again with points that may leave the rays of their corners; return `found` if that fails.
 
+        The positions in the middle view have errors like all others, most of all from the residue of its mask. Over 38
+        first geometries this adjustment lowered the error of the path by 15 % and that of rotations by 11 % in the
+        geometric mean, and by half in the scene whose cameras go forward (`python -m tests.benchmarks path_error`). It
+        needs a start near its minimum.
+        """
+        start, huber_px = found.motion.world_to_camera, self.settings.motion.huber_px
+        try:
+            bundle = adjust_bundle(found.tracks, start, self.flat.intrinsics, huber_px, refine_focal=False)
+            motion, kept = self.placed(found.tracks, bundle.world_to_camera)
+        except GeometryError:
+            return found
+        freed = self.judged(candidates, motion, kept, moved=moved)
+        return freed if freed.geometry.has_path else found
 
-def _depth(geometry: Geometry, motion: CameraMotion, views: F32, settings: SweepSettings) -> F32:
-    span = inverse_depth_range(motion.inverse_depth, settings)
-    return surface_map(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
+    def second_look(self, found: _Found) -> Tracks:
+        """Track all corners again, starting where a rough depth map predicts them; return the first tracks if it fails.
+
+        On fourteen decoded scenes this lowered the error of the path by 5 % and that of rotations by 9 %; where only
+        few tracks had been found, it doubled their number.
+        """
+        settings, geometry = self.settings.sweep, found.geometry
+        rough = replace(
+            settings,
+            planes=max(settings.planes // 2, LEAST_PLANES),
+            most_pixels=min(settings.most_pixels, self.views[0, ..., 0].size) // 4,
+        )
+        span = inverse_depth_range(found.motion.inverse_depth, rough)
+        depth = sweep(self.views, geometry.world_to_camera, geometry.intrinsics, self.reference, span, rough)
+        at = self.corners.astype(int)
+        predicted = predict_positions(
+            self.corners, depth[at[:, 1], at[:, 0]].astype(np.float64), geometry.world_to_camera, geometry.intrinsics
+        )
+        again = self.usable(refine_tracks(self.views, self.reference, predicted, self.settings.tracks))
+        loses_views = again.seen.any(axis=0).sum() < self.tracks.seen.any(axis=0).sum()
+        doubted = loses_views or doubts_about_tracks(again, self.size, self.settings.criteria)
+        return self.tracks if doubted else again
+
+    def depth(self, geometry: Geometry, motion: CameraMotion) -> F32:
+        """Return the depth along the path of a geometry, in the range of a motion's points."""
+        settings = self.settings.sweep
+        span = inverse_depth_range(motion.inverse_depth, settings)
+        poses, intrinsics = geometry.world_to_camera, geometry.intrinsics
+        return sweep(self.views, poses, intrinsics, self.reference, span, settings)
+
+    def judged(
+        self, candidates: int, motion: CameraMotion, tracks: Tracks, *, moved: bool, posed: bool = False
+    ) -> _Found:
+        """Return a geometry with the motion, with its rotations alone, or only with the reason why neither is used.
+
+        If the camera is known to have moved, its whole motion is used unless the tracks contradict it, however small
+        the parallax. Given poses are kept for views that see too few tracks as well.
+        """
+        flat, criteria = self.flat, self.settings.criteria
+        rotations = fit_rotations(tracks, flat.intrinsics, self.settings.motion)
+        if moved:
+            reasons = contradictions(candidates, tracks, motion, criteria)
+            verdict: Verdict = Verdict.UNSUPPORTED if reasons else Verdict.FULL
+        else:
+            verdict, reasons = classify_motion(candidates, tracks, motion, rotations, criteria)
+        notes = (*flat.notes, *reasons, *(() if verdict == Verdict.FULL else (PLANE_NOTE,)))
+        poses = flat.world_to_camera.copy()
+        if verdict == Verdict.FULL:
+            poses = motion.world_to_camera
+        elif verdict == Verdict.ROTATION_ONLY:
+            poses[:, :3, :3] = rotations.rotations
+        missing = np.flatnonzero(~tracks.seen.any(0))
+        if len(missing) and (verdict == Verdict.ROTATION_ONLY or (verdict == Verdict.FULL and not posed)):
+            poses = _with_missing_poses(poses, missing)
+            notes = (*notes, finding(Code.POSES_INTERPOLATED, views=missing.tolist()))
+        geometry = replace(
+            flat,
+            world_to_camera=poses,
+            tracks=len(tracks),
+            reprojection_rms_px=motion.rms_px,
+            parallax_px=parallax_px(motion, rotations),
+            verdict=verdict,
+            notes=notes,
+        )
+        return _Found(geometry, motion, tracks)
+
+    def doubted(self, found: _Found) -> Geometry:
+        """Return the geometry with the expected error of its path."""
+        error = self.expected_error(found)
+        notes = (*found.geometry.notes, *doubts_about_path(error, self.settings.criteria))
+        return replace(found.geometry, path_error_expected=error, notes=notes)
+
+    def expected_error(self, found: _Found) -> float | None:
+        """Return the expected error of a path; see `halves`."""
+        return expected_path_error(found.motion, found.tracks, self.flat.intrinsics, self.size, self.settings.motion)
+
+    def with_reverse(self, found: _Found, *, posed: bool) -> Geometry:
+        """Add how sure tracks are of the order of depth and, if they are not, their solution in the reverse order.
+
+        Both motions are adjusted in the same way, each from a start near the other's reversal, so that the comparison
+        is fair.
+        """
+        geometry, how = found.geometry, self.settings.motion
+        here = adjust(found.tracks, geometry.intrinsics, how, start=found.motion)
+        if posed and self.borne_out(found, here):
+            geometry = replace(geometry, pose_errors=errors_of_given(geometry.world_to_camera, geometry.intrinsics))
+        there = adjust(found.tracks, geometry.intrinsics, how, start=reversed_depth(here))
+        if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
+            return geometry  # the reversal is no minimum of its own
+        errors = preference(here, there, how.huber_px)
+        known = replace(geometry, order_errors=errors)
+        if posed or errors >= self.settings.criteria.order_errors or np.median(there.inverse_depth) <= 0:
+            return known
+        there = at_unit_depth(there)
+        missing = np.flatnonzero(~found.tracks.seen.any(0))
+        poses = _with_missing_poses(there.world_to_camera, missing) if len(missing) else there.world_to_camera
+        reverse = replace(geometry, world_to_camera=poses, reprojection_rms_px=there.rms_px)
+        return replace(known, other_order=OtherOrder(poses, self.depth(reverse, there), there.rms_px))
+
+    def borne_out(self, found: _Found, adjusted: CameraMotion) -> bool:
+        """Tell whether tracks contradict given poses no more than their own noise explains.
+
+        Positions off by 5 % of the path are contradicted in two scenes of four; if tracks are few or the camera moves
+        forward, they are not (scenes of `python -m tests.benchmarks given_poses`).
+        """
+        how, intrinsics = self.settings.motion, self.flat.intrinsics
+        times = times_better_foretold(found.motion, adjusted, found.tracks, intrinsics, self.size, how)
+        return times <= _CONTRADICTED
 
 
 def _check(views: F32, intrinsics: F64 | None) -> None:
@@ -397,139 +491,8 @@ def _check(views: F32, intrinsics: F64 | None) -> None:
         check_intrinsics(intrinsics)
 
 
-def _usable(tracks: Tracks, criteria: Criteria, seen: Bool | None) -> Tracks:
-    """Keep tracks that most views see, and drop the views that too few tracks reach."""
-    tracks = tracks if seen is None else within(tracks, seen)
-    views = tracks.positions.shape[1]
-    long = tracks.seen_by_at_least(max(2, int(np.ceil(_LEAST_SHARE_OF_VIEWS * views))))
-    positions = long.positions.copy()
-    positions[:, ~supported_views(long, criteria)] = np.nan
-    return Tracks(positions, tracks.reference).seen_by_at_least(2)
-
-
-def _focal(
-    intrinsics: F64 | None, tracks: Tracks, size: tuple[int, int], doubtful: bool, settings: GeometrySettings
-) -> tuple[F64, str, tuple[Finding, ...]]:
-    """Get the camera matrix, its source and the findings about it."""
-    if intrinsics is not None:
-        return intrinsics.astype(np.float64), "file", ()
-    if doubtful:
-        focal = default_focal(size, "too few points could be tracked to estimate it", settings.focal)
-    else:
-        focal = estimate_focal(tracks, size, settings.focal, settings.motion)
-    return focal.intrinsics, focal.source, (focal.note,)
-
-
-def _flat(
-    views: int, size: tuple[int, int], focal: tuple[F64, str, tuple[Finding, ...]], doubts: tuple[Finding, ...]
-) -> Geometry:
-    """Return the assumption without an estimate: a camera at rest in front of a plane at inverse depth 1."""
-    intrinsics, source, notes = focal
-    return Geometry(
-        world_to_camera=np.tile(np.eye(4), (views, 1, 1)),
-        intrinsics=intrinsics,
-        focal_source=source,
-        inverse_depth=np.ones(size, np.float32),
-        reference=views // 2,
-        tracks=0,
-        reprojection_rms_px=0.0,
-        parallax_px=0.0,
-        verdict=Verdict.UNSUPPORTED,
-        notes=(*notes, *doubts, *((PLANE_NOTE,) if doubts else ())),
-    )
-
-
-def _moved(
-    geometry: Geometry,
-    candidates: int,
-    tracks: Tracks,
-    motion: CameraMotion,
-    settings: GeometrySettings,
-    *,
-    moved: bool,
-    posed: bool = False,
-) -> Geometry:
-    """Return the geometry with the motion, with its rotations alone, or only with the reason why neither is used.
-
-    If the camera is known to have moved, its whole motion is used unless the tracks contradict it, however small the
-    parallax. Given poses are kept for views that see too few tracks as well.
-    """
-    rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
-    if moved:
-        reasons = contradictions(candidates, tracks, motion, settings.criteria)
-        verdict: Verdict = Verdict.UNSUPPORTED if reasons else Verdict.FULL
-    else:
-        verdict, reasons = classify_motion(candidates, tracks, motion, rotations, settings.criteria)
-    notes = (*geometry.notes, *reasons, *(() if verdict == Verdict.FULL else (PLANE_NOTE,)))
-    poses = geometry.world_to_camera.copy()
-    if verdict == Verdict.FULL:
-        poses = motion.world_to_camera
-    elif verdict == Verdict.ROTATION_ONLY:
-        poses[:, :3, :3] = rotations.rotations
-    missing = np.flatnonzero(~tracks.seen.any(0))
-    if len(missing) and (verdict == Verdict.ROTATION_ONLY or (verdict == Verdict.FULL and not posed)):
-        poses = _with_missing_poses(poses, missing)
-        notes = (*notes, finding(Code.POSES_INTERPOLATED, views=missing.tolist()))
-    return replace(
-        geometry,
-        world_to_camera=poses,
-        tracks=len(tracks),
-        reprojection_rms_px=motion.rms_px,
-        parallax_px=parallax_px(motion, rotations),
-        verdict=verdict,
-        notes=notes,
-    )
-
-
-def _doubted(found: _Found, settings: GeometrySettings) -> Geometry:
-    """Return the geometry with the expected error of its path."""
-    geometry, error = found.geometry, _expected_error(found, settings)
-    notes = (*geometry.notes, *doubts_about_path(error, settings.criteria))
-    return replace(geometry, path_error_expected=error, notes=notes)
-
-
-def _expected_error(found: _Found, settings: GeometrySettings) -> float | None:
-    geometry = found.geometry
-    size = (geometry.inverse_depth.shape[0], geometry.inverse_depth.shape[1])
-    return expected_path_error(found.motion, found.tracks, geometry.intrinsics, size, settings.motion)
-
-
-def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, posed: bool) -> Geometry:
-    """Add how sure tracks are of the order of depth and, if they are not, their solution in the reverse order.
-
-    Both motions are adjusted in the same way, each from a start near the other's reversal, so that the comparison is
-    fair.
-    """
-    geometry, how = found.geometry, settings.motion
-    here = adjust(found.tracks, geometry.intrinsics, how, start=found.motion)
-    if posed and _borne_out(found, here, settings):
-        geometry = replace(geometry, pose_errors=errors_of_given(geometry.world_to_camera, geometry.intrinsics))
-    there = adjust(found.tracks, geometry.intrinsics, how, start=reversed_depth(here))
-    if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
-        return geometry  # the reversal is no minimum of its own
-    errors = preference(here, there, how.huber_px)
-    known = replace(geometry, order_errors=errors)
-    scale = float(np.median(there.inverse_depth))
-    if posed or errors >= settings.criteria.order_errors or scale <= 0:
-        return known
-    there = replace(there, translations=there.translations * scale, inverse_depth=there.inverse_depth / scale)
-    missing = np.flatnonzero(~found.tracks.seen.any(0))
-    poses = _with_missing_poses(there.world_to_camera, missing) if len(missing) else there.world_to_camera
-    reverse = replace(geometry, world_to_camera=poses, reprojection_rms_px=there.rms_px)
-    reverse = replace(reverse, inverse_depth=_depth(reverse, there, views, settings.sweep), order_errors=-errors)
-    return replace(known, other_order=OtherOrder.of(reverse))
-
-
-def _borne_out(found: _Found, adjusted: CameraMotion, settings: GeometrySettings) -> bool:
-    """Tell whether tracks contradict given poses no more than their own noise explains.
-
-    Positions off by 5 % of the path are contradicted in two scenes of four; if tracks are few or the camera moves
-    forward, they are not (scenes of `python -m tests.benchmarks given_poses`).
-    """
-    height, width = found.geometry.inverse_depth.shape
-    how, intrinsics = settings.motion, found.geometry.intrinsics
-    times = times_better_foretold(found.motion, adjusted, found.tracks, intrinsics, (height, width), how)
-    return times <= _CONTRADICTED
+def _known(intrinsics: F64 | None) -> Focal | None:
+    return None if intrinsics is None else Focal(intrinsics.astype(np.float64), "file")
 
 
 def measured(geometry: Geometry, known_poses: F64) -> Geometry:
@@ -539,7 +502,7 @@ def measured(geometry: Geometry, known_poses: F64) -> Geometry:
     return replace(geometry, unit=float(given_path / path) if path > 0 else None)
 
 
-def _with_missing_poses(world_to_camera: F64, missing: NDArray[np.int64]) -> F64:
+def _with_missing_poses(world_to_camera: F64, missing: I64) -> F64:
     """Interpolate missing poses linearly between their neighbours; beyond the ends, repeat the nearest pose."""
     known = np.setdiff1d(np.arange(len(world_to_camera)), missing)
     at = np.clip(missing, known[0], known[-1])

@@ -83,13 +83,9 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
     )
 
 
-def _project(geometry: Geometry, points: F64, view: int) -> F64:
-    """Project points, [P, 3], to pixels of a view, [P, 2]; NaN behind its camera."""
-    return project(points, geometry.world_to_camera[view], geometry.intrinsics)[0]
-
-
 def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
-    return in_picture(_project(geometry, points, view), geometry.inverse_depth.shape)
+    pixels, _ = project(points, geometry.world_to_camera[view], geometry.intrinsics)
+    return in_picture(pixels, geometry.inverse_depth.shape)
 
 
 def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) -> F64:
@@ -107,7 +103,7 @@ def _rim(geometry: Geometry, smooth: F32, directions: F64, view: int) -> tuple[F
     inverse_depth = np.full(len(directions), float(np.median(smooth)))
     for _ in range(_RIM_STEPS):
         points = _lifted(geometry, directions, inverse_depth, view)
-        pixels = _project(geometry, points, geometry.reference)
+        pixels, _ = project(points, geometry.world_to_camera[geometry.reference], geometry.intrinsics)
         nearest = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
         inverse_depth = smooth[nearest[:, 1], nearest[:, 0]].astype(np.float64)
     return inverse_depth, _lifted(geometry, directions, inverse_depth, view)

@@ -4,6 +4,7 @@ Here: the interface, and the call of a source with its fallback to tracks. Not h
 the choice between them (`choose`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -69,6 +70,18 @@ class GeometryPrior(Protocol):
             GeometryError: Its geometry contradicts the views.
             NumericsError: A model failed, or its answer is not finite.
         """
+
+
+@dataclass(frozen=True)
+class Source:
+    """A geometry prior of a name and a function."""
+
+    name: str
+    find: Callable[[Request, Progress], Geometry]
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return self.find(request, progress)
 
 
 def from_tracks(request: Request, progress: Progress) -> Geometry:

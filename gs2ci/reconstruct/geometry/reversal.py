@@ -17,16 +17,18 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.geometry.depth.view_depths import grid
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
+from gs2ci.reconstruct.geometry.path.motion import predict_positions, reversed_poses
 
 # Reflected inverse depths stay above this share of their median; otherwise points with more than twice the median would
 # lie behind the camera.
 FARTHEST: Final = 0.05
 # Number of pixels along each side at which the motion of a picture is computed: it is smooth except for a few edges.
 _SAMPLES: Final = 48
+# Pixels that travel moves by less do not count: rounding does so.
+_HARDLY_PX: Final = float(np.sqrt(np.finfo(np.float64).eps))
 
 
 def reversed_geometry(geometry: Geometry) -> Geometry:
@@ -60,15 +62,6 @@ def turned(geometry: Geometry) -> Geometry:
     )
 
 
-def reversed_poses(world_to_camera: F64, c: float) -> F64:
-    """Return the path, [N, 4, 4], from which inverse depths c − ρ move in the picture as ρ do from the given path."""
-    poses, t = world_to_camera.copy(), world_to_camera[:, :3, 3]
-    turns = Rotation.from_rotvec(c * np.stack([-t[:, 1], t[:, 0], np.zeros(len(t))], axis=1)).as_matrix()
-    poses[:, :3, :3] = turns @ poses[:, :3, :3]
-    poses[:, :3, 3] = -t
-    return poses
-
-
 def share_with_travel(geometry: Geometry) -> float:
     """Return the share of the picture's motion that has the direction in which the camera's travel alone would move it.
 
@@ -79,34 +72,16 @@ def share_with_travel(geometry: Geometry) -> float:
     Args:
         geometry: With poses of which the reference's is the identity.
     """
-    points = _points_of(geometry)
-    forward = backward = 0.0
-    for view, pose in enumerate(geometry.world_to_camera):
-        if view == geometry.reference:
-            continue
-        travelled = _projected(points + pose[:3, 3]) - _projected(points)
-        moved = _projected(points @ pose[:3, :3].T + pose[:3, 3]) - _projected(points)
-        length = np.linalg.norm(travelled, axis=1)
-        seen = (length > 0) & np.isfinite(travelled).all(axis=1) & np.isfinite(moved).all(axis=1)
-        along = np.sum(moved[seen] * travelled[seen], axis=1) / length[seen]
-        forward += float(along[along > 0].sum())
-        backward -= float(along[along < 0].sum())
-    both = forward + backward
+    shape = geometry.inverse_depth.shape
+    pixels = grid(shape, max(1, min(shape) // _SAMPLES))
+    columns, rows = pixels.astype(int).T
+    depth, poses = geometry.inverse_depth[rows, columns].astype(np.float64), geometry.world_to_camera
+    unturned = poses.copy()
+    unturned[:, :3, :3] = np.eye(3)
+    travelled, moved = (
+        predict_positions(pixels, depth, path, geometry.intrinsics) - pixels[:, None] for path in (unturned, poses)
+    )
+    length = np.linalg.norm(travelled, axis=-1)
+    along = np.sum(moved * travelled, axis=-1)[length > _HARDLY_PX] / length[length > _HARDLY_PX]
+    forward, both = float(along[along > 0].sum()), float(np.abs(along).sum())
     return forward / both if both > 0 else 0.5
-
-
-def _points_of(geometry: Geometry) -> F64:
-    """Return the points in space of an even grid of the reference's pixels, [P, 3]."""
-    height, width = geometry.inverse_depth.shape
-    rows = np.unique(np.linspace(0, height - 1, _SAMPLES).round().astype(int))
-    columns = np.unique(np.linspace(0, width - 1, _SAMPLES).round().astype(int))
-    down, right = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
-    pixels = np.stack([right + 0.5, down + 0.5, np.ones(len(right))])
-    rays = np.linalg.solve(geometry.intrinsics, pixels).T
-    return np.asarray(rays / geometry.inverse_depth[down, right, None].astype(np.float64), dtype=np.float64)
-
-
-def _projected(points: F64) -> F64:
-    """Project points in a camera's frame, [P, 3], to the plane at depth 1, [P, 2]; NaN for points at depth 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(points[:, :2] / points[:, 2:], dtype=np.float64)

@@ -11,7 +11,7 @@ model (`vggt`), the adjustment (`bundle`), tracks and depth (`initialise`).
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -30,8 +30,7 @@ from gs2ci.reconstruct.geometry.path.motion import INVERSE_DEPTH_RANGE, predict_
 from gs2ci.reconstruct.geometry.path.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.path.telemetry import place_points
 from gs2ci.reconstruct.geometry.path.validity import Criteria, classify_motion, doubts_about_tracks, supported_views
-from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
-from gs2ci.reconstruct.geometry.sources.sources import FromTracks
+from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, Source, from_tracks
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.learned.vggt import Prediction, Vggt
@@ -51,22 +50,16 @@ def prior_by_name(name: str) -> GeometryPrior | None:
     if name.startswith(_FILE):
         return FromVggt(Path(name.removeprefix(_FILE)))
     if name == _OR_TRACKS and known_model("vggt") is None:
-        return TracksForVggt()
+        return Source(PathSource.TRACKS, _tracks_for_vggt)
     return FromVggt(find_model("vggt")) if name in (PathSource.VGGT, _OR_TRACKS) else None
 
 
-@dataclass(frozen=True)
-class TracksForVggt:
-    """The tracks as the substitute for the paper's VGGT if no model has been added; a note says so."""
-
-    name: str = PathSource.TRACKS
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Estimate the geometry; see `GeometryPrior`."""
-        note = finding(Code.TRACKS_FOR_VGGT)
-        progress.say(note.sentence)
-        found = FromTracks()(request, progress)
-        return replace(found, notes=(note, *found.notes))
+def _tracks_for_vggt(request: Request, progress: Progress) -> Geometry:
+    """Find the tracks' geometry, the substitute for the paper's VGGT if no model has been added; a note says so."""
+    note = finding(Code.TRACKS_FOR_VGGT)
+    progress.say(note.sentence)
+    found = from_tracks(request, progress)
+    return replace(found, notes=(note, *found.notes))
 
 
 class FromVggt:
@@ -87,7 +80,7 @@ class FromVggt:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         said: list[str] = []
-        first: tuple[Prediction, Camera] | None = None
+        first: tuple[Prediction, Focal] | None = None
         tracks: dict[bool, Tracks] = {}
         for number, (order, views) in enumerate(orders(len(request.views))):
             retry = number > 0
@@ -127,15 +120,6 @@ def orders(count: int) -> Iterator[tuple[str, tuple[int, ...]]]:
         yield "every other first", forwards[::2] + forwards[1::2]
 
 
-@dataclass(frozen=True)
-class Camera:
-    """A camera matrix, [3, 3], its source, and the findings about it."""
-
-    intrinsics: F64
-    source: str
-    notes: tuple[Finding, ...]
-
-
 def check_prediction(prediction: Prediction, reference: int, criteria: Criteria) -> Prediction:
     """Return the prediction if its depths are positive.
 
@@ -148,7 +132,7 @@ def check_prediction(prediction: Prediction, reference: int, criteria: Criteria)
     return prediction
 
 
-def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Camera:
+def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Focal:
     """Accept or reject the predicted focal length.
 
     A known camera matrix is always used. Otherwise the prediction is accepted if it agrees between views, if it is in
@@ -161,19 +145,19 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Ca
     if known is not None:
         factor = _factor(focal, known[0, 0])
         doubt = finding(Code.VGGT_FOCAL_DIFFERS, focal_px=focal, known_px=float(known[0, 0]))
-        return Camera(known.astype(np.float64), "file", (doubt,) if factor > criteria.focal_factor else ())
-    from_tracks = None
+        return Focal(known.astype(np.float64), "file", (doubt,) if factor > criteria.focal_factor else ())
+    of_tracks = None
     if not doubts_about_tracks(tracks, size, criteria):
-        from_tracks = estimate_focal(tracks, size, settings.focal, settings.motion)
-    why = _why_refused(prediction.focal_px, from_tracks, size, settings)
+        of_tracks = estimate_focal(tracks, size, settings.focal, settings.motion)
+    why = _why_refused(prediction.focal_px, of_tracks, size, settings)
     if not why:
-        return Camera(pinhole(focal, size), "estimated", (finding(Code.VGGT_FOCAL_TAKEN, focal_px=focal),))
+        return Focal(pinhole(focal, size), "estimated", (finding(Code.VGGT_FOCAL_TAKEN, focal_px=focal),))
     refused = finding(Code.VGGT_FOCAL_REFUSED, focal_px=focal, why=why)
-    instead = from_tracks or default_focal(size, "there are too few tracks to estimate it", settings.focal)
-    return Camera(instead.intrinsics, instead.source, (refused, instead.note))
+    instead = of_tracks or default_focal(size, "there are too few tracks to estimate it", settings.focal)
+    return Focal(instead.intrinsics, instead.source, (refused, *instead.notes))
 
 
-def _why_refused(focals_px: F64, from_tracks: Focal | None, size: tuple[int, int], settings: GeometrySettings) -> str:
+def _why_refused(focals_px: F64, of_tracks: Focal | None, size: tuple[int, int], settings: GeometrySettings) -> str:
     """Return why predicted focal lengths, [N], are rejected; nothing if they are accepted."""
     criteria, focal = settings.criteria, float(np.median(focals_px))
     spread = float(np.ptp(focals_px)) / max(focal, 1.0)
@@ -183,9 +167,9 @@ def _why_refused(focals_px: F64, from_tracks: Focal | None, size: tuple[int, int
     shortest, longest = (focal_from_view_angle(angle, size[1]) for angle in lenses)
     if not shortest <= focal <= longest:
         return f"lenses lie between {shortest:.0f} and {longest:.0f} px"
-    if from_tracks is None or from_tracks.source != "estimated":
+    if of_tracks is None or of_tracks.source != "estimated":
         return ""
-    factor = _factor(focal, float(from_tracks.intrinsics[0, 0]))
+    factor = _factor(focal, float(of_tracks.intrinsics[0, 0]))
     return "the tracks tell another one" if factor > criteria.focal_factor else ""
 
 
@@ -193,7 +177,7 @@ def _supported(
     request: Request,
     tracks: Tracks,
     prediction: Prediction,
-    camera: Camera,
+    camera: Focal,
     order: str,
     said: list[str],
     progress: Progress,
@@ -231,7 +215,7 @@ def shortcomings(
     tracks: Tracks,
     poses: F64,
     intrinsics: F64,
-    camera: Camera,
+    camera: Focal,
     step: Step,
     size: tuple[int, int],
     settings: GeometrySettings,
@@ -261,7 +245,7 @@ def shortcomings(
     return tuple(said)
 
 
-def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tracks, said: list[str]) -> Geometry:
+def _dense(request: Request, prediction: Prediction, camera: Focal, tracks: Tracks, said: list[str]) -> Geometry:
     """Return the geometry of the model's own cameras and depth, if the tracks do not contradict them.
 
     Raises:

@@ -8,15 +8,14 @@ orientation, and the displacement of single tiles. Not here: fractions of a pixe
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final
 
-import cv2
 import numpy as np
 from scipy import fft
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.registration.local_scene import Seen
+from gs2ci.reconstruct.registration.local_scene import Seen, blurred
 from gs2ci.reconstruct.registration.placement import Placement
 
 # Values within the peak's own width are not counted as elsewhere. The n-th highest of the others measures chance.
@@ -72,11 +71,11 @@ def element_px(total: F64) -> float:
 def fine_pattern(image: F64, element: float, *, relative: bool = False) -> F64:
     """High-pass a picture, [H, W]; relative: divided by its local level, so that bright parts do not dominate."""
     sigma = _HIGH_PASS_ELEMENTS * element
-    fine: F64 = image - _blur(image, sigma)
+    fine: F64 = image - blurred(image, sigma)
     if relative:
-        level = np.abs(_blur(image, max(_LEVEL_PX, sigma)))
+        level = np.abs(blurred(image, max(_LEVEL_PX, sigma)))
         # Includes the deviation of the pattern itself: the level may be zero if too high a black level was subtracted.
-        level = np.sqrt(level**2 + _blur(fine**2, max(_LEVEL_PX, sigma)))
+        level = np.sqrt(level**2 + blurred(fine**2, max(_LEVEL_PX, sigma)))
         fine = fine / np.maximum(level, 1e-9 * max(float(np.abs(image).max()), 1e-300))
         spread = float(fine.std())
         if spread > 0:
@@ -101,11 +100,6 @@ def readable(shot: Shot, element: float) -> F64:
     return patterns
 
 
-def _blur(image: F64, sigma: float) -> F64:
-    blurred: F64 = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
-    return blurred
-
-
 @dataclass(frozen=True)
 class Peak:
     """The displacement at which a pattern correlates.
@@ -118,9 +112,9 @@ class Peak:
         deviations: The peak divided by the root mean square of the values elsewhere.
     """
 
-    down_px: float
-    right_px: float
-    ratio: float
+    down_px: float = 0.0
+    right_px: float = 0.0
+    ratio: float = 0.0
     correlation: float = 0.0
     deviations: float = 0.0
 
@@ -128,11 +122,6 @@ class Peak:
     def is_sure(self) -> bool:
         """Get whether chance does not explain it."""
         return self.ratio >= SURE_PEAK and self.deviations >= _SURE_DEVIATIONS
-
-    @classmethod
-    def nothing(cls) -> Self:
-        """Return the result that nothing can be concluded."""
-        return cls(0.0, 0.0, 0.0)
 
 
 def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> Peak:
@@ -146,7 +135,7 @@ def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> 
     """
     norm = float(np.sqrt((seen**2).sum() * (known**2).sum()))
     if norm == 0:
-        return Peak.nothing()
+        return Peak()
     shape = tuple(fft.next_fast_len(a + r + 1, real=True) for a, r in zip(seen.shape, reach, strict=True))
     match = fft.irfft2(fft.rfft2(seen, shape) * np.conj(fft.rfft2(known, shape)), shape)
     rows, columns = (np.arange(-r, r + 1) for r in reach)
@@ -157,7 +146,7 @@ def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> 
     apart = (np.abs(rows - down)[:, None] > wide) | (np.abs(columns - right)[None, :] > wide)
     others = near[apart]
     if others.size < 2 * _RANK:
-        return Peak.nothing()
+        return Peak()
     chance = float(np.partition(others, -_RANK)[-_RANK])
     peak = float(near[at])
     ratio = peak / chance if chance > 0 else 0.0
@@ -226,22 +215,45 @@ def _starts(length: int, side: int) -> list[int]:
 
 
 def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
-    """Find the affine placement on which the sure tiles agree; None if too few do.
+    """Find the affine placement on which the sure tiles agree; None if too few do."""
 
-    Tiles that deviate from the others by more than `_AGREEMENT_PX` are dropped, the worst first.
+    def affine(places: F64) -> F64:
+        design = np.column_stack([np.ones(len(places)), places])
+        unit: F64 = np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
+        return unit
+
+    solution = agreed(found, size, affine, _AGREEMENT_PX, _LEAST_TILES)
+    if solution is None:
+        return None
+    shift, *rows = solution.reshape(3, 2)
+    return Placement.from_affine(np.eye(2) + np.transpose(rows), shift)
+
+
+def agreed(
+    found: list[Tile], size: tuple[int, int], design: Callable[[F64], F64], most_px: float, least: int
+) -> F64 | None:
+    """Find the displacement on which sure tiles agree; those that deviate from the others are dropped, the worst first.
+
+    Args:
+        found: The tiles.
+        size: Height and width of the picture, px.
+        design: Displacements of positions from the middle, [K, 2], by a unit of each unknown, [P, K, 2].
+        most_px: Tiles that deviate by more are dropped.
+        least: So many must be left.
+
+    Returns:
+        The unknowns, [P]; None if too few tiles agree, or they do not determine them.
     """
     sure = [tile for tile in found if tile.peak.is_sure]
-    middle = (np.array(size) - 1) / 2
-    while len(sure) >= _LEAST_TILES:
-        places = np.array([tile.middle for tile in sure]) - middle
+    while len(sure) >= least:
+        unit = design(np.array([tile.middle for tile in sure]) - (np.array(size) - 1) / 2)
         moved = np.array([(tile.peak.down_px, tile.peak.right_px) for tile in sure])
-        design = np.column_stack([np.ones(len(sure)), places])
-        if np.linalg.matrix_rank(design) < design.shape[1]:
+        solution, _, rank, _ = np.linalg.lstsq(unit.reshape(len(unit), -1).T, moved.ravel(), rcond=None)
+        if rank < len(unit):
             return None
-        solution, *_ = np.linalg.lstsq(design, moved, rcond=None)
-        apart = np.linalg.norm(moved - design @ solution, axis=1)
+        apart = np.linalg.norm(moved - np.tensordot(solution, unit, axes=1), axis=1)
         worst = int(apart.argmax())
-        if apart[worst] <= _AGREEMENT_PX:
-            return Placement.from_affine(np.eye(2) + solution[1:].T, solution[0])
+        if apart[worst] <= most_px:
+            return np.asarray(solution, np.float64)
         del sure[worst]
     return None

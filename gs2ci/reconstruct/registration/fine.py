@@ -1,12 +1,15 @@
-"""Fractions of a pixel, turns, blur and black level, by Gauss-Newton on the held-out error of every pixel.
+"""Fractions of a pixel, turns, fields, blur and black level, by Gauss-Newton on the held-out error of every pixel.
 
 The error of a locally constant scene (`local_scene`) depends only on the masks' sum, so that a step costs a few
-pictures and no decode. Errors are weighted by the inverse of their mean square around a pixel, so that edges do not
-dominate. Standard errors come from scores summed over blocks of the picture, since neighbours share their texture.
+pictures and no decode. A slowly varying displacement acts on a pixel's error like a shift: the derivatives by all
+parameters of position are the two by a shift, times how far each moves what the pixel sees. Errors are weighted by the
+inverse of their mean square around a pixel, so that edges do not dominate. Standard errors come from scores summed over
+blocks of the picture, since neighbours share their texture.
 
 Here: the search and its errors. Not here: which parameters are accepted (`proposals`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,13 +20,16 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import BY_NAME, NAMES, PARAMETERS
+from gs2ci.reconstruct.registration.parameters import BY_NAME, FIELD, GEOMETRY, NAMES, PARAMETERS, STEP_PX
+from gs2ci.reconstruct.registration.placement import from_middle
 from gs2ci.reconstruct.registration.widening import MaskSum
 
 _ROUNDS: Final = 12
 # Fewer blocks are not enough to estimate the scatter of scores.
 LEAST_BLOCKS: Final = 12
 _SETTLED: Final = 1e-2
+# Longer steps, beyond the range in which the pattern gives a gradient, are shortened to this at the picture's corner.
+_LONGEST_STEP_PX: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -38,11 +44,18 @@ class MisfitEstimate:
     misfit: Misfit
     errors: dict[str, float]
 
-    def significance(self, name: str) -> float:
-        """Return by how many standard errors a parameter differs from its default; 0 if it was not estimated."""
-        error = self.errors.get(name, 0.0)
-        value = float(self.misfit.vector()[NAMES.index(name)])
-        return abs(value) / error if error > 0 else 0.0
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Get the terms of a smooth field that were estimated."""
+        return tuple(name for name in FIELD if name in self.errors)
+
+    def value(self, name: str) -> float:
+        """Return a parameter by its name."""
+        return float(self.misfit.vector()[NAMES.index(name)])
+
+    def is_sure(self, name: str) -> bool:
+        """Tell whether a parameter was estimated and is significant."""
+        return abs(self.value(name)) >= BY_NAME[name].errors * self.errors.get(name, 0.0) > 0
 
 
 @dataclass(frozen=True)
@@ -92,36 +105,42 @@ def refine(problem: Problem, start: Misfit, names: tuple[str, ...]) -> MisfitEst
     """
     index = [NAMES.index(name) for name in names]
     scale = problem.steps()[index]
-    vector = start.vector()
-    known = start.placement.known(problem.size)
-    errors = problem.errors(start)
-    weights = pixel_weights(errors, known)
+    steps = dict(zip(names, scale.tolist(), strict=True))
+    placed = {name: step for name, step in steps.items() if name in GEOMETRY}
+    moves = dict(zip(placed, start.placement.derivatives(placed, from_middle(problem.size)), strict=True))
+    still = np.zeros((*problem.size, 2))
+    at_corners = np.stack([moves.get(name, still)[[0, 0, -1, -1], [0, -1, 0, -1]] for name in names])
+    misfit, errors = start, problem.errors(start)
+    weights = pixel_weights(errors, start.placement.known(problem.size))
     root = np.sqrt(weights)
     best = float(np.sum((root * errors) ** 2))
     damping = 1e-4
-    jacobian = _jacobian(problem, vector, index, scale)
+    jacobian = _jacobian(problem, misfit, steps, moves)
     for _ in range(_ROUNDS):
         weighted = (root * jacobian).reshape(len(index), -1)
         normal = weighted @ weighted.T
         slope = weighted @ (root * errors).ravel()
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(len(index)), slope)
-        trial = vector.copy()
-        trial[index] += step * scale
-        trial = _within(trial)
-        trial_errors = problem.errors(Misfit.from_vector(trial))
+        # To first order: steps of terms that masks hardly show may move corners by thousands of pixels.
+        longest = float(np.linalg.norm(np.tensordot(step, at_corners, axes=1), axis=-1).max())
+        step *= min(1.0, _LONGEST_STEP_PX / max(longest, 1e-300))
+        vector = misfit.vector()
+        vector[index] += step * scale
+        trial = Misfit.from_vector(_within(vector))
+        trial_errors = problem.errors(trial)
         value = float(np.sum((root * trial_errors) ** 2))
         if value < best:
-            vector, errors, best, damping = trial, trial_errors, value, damping / 5
+            misfit, errors, best, damping = trial, trial_errors, value, damping / 5
             if np.abs(step).max() < _SETTLED:
                 break
-            jacobian = _jacobian(problem, vector, index, scale)
+            jacobian = _jacobian(problem, misfit, steps, moves)
         else:
             damping = max(damping, 1e-4) * 20
             if damping > 1e4 or np.abs(step).max() < _SETTLED:
                 break
     deviations = deviations_of(jacobian, errors, weights) * scale
     deviations *= [BY_NAME[name].inflation for name in names]
-    return MisfitEstimate(Misfit.from_vector(vector), dict(zip(names, deviations.tolist(), strict=True)))
+    return MisfitEstimate(misfit, dict(zip(names, deviations.tolist(), strict=True)))
 
 
 def _within(vector: F64) -> F64:
@@ -130,14 +149,27 @@ def _within(vector: F64) -> F64:
     return limited
 
 
-def _jacobian(problem: Problem, vector: F64, index: list[int], scale: F64) -> F64:
-    """Return the derivative of the errors by each parameter, in steps of it, by central differences, [P, H, W]."""
-    rows = []
-    for k, step in zip(index, scale, strict=True):
-        forward, backward = vector.copy(), vector.copy()
-        forward[k] += step
-        backward[k] -= step
-        rows.append((problem.errors(Misfit.from_vector(forward)) - problem.errors(Misfit.from_vector(backward))) / 2)
+def _jacobian(problem: Problem, misfit: Misfit, steps: Mapping[str, float], moves: Mapping[str, F64]) -> F64:
+    """Return the derivative of the errors by each parameter, in steps of it, by central differences, [P, H, W].
+
+    Args:
+        problem: The measurement.
+        misfit: Where.
+        steps: By name.
+        moves: How far the steps of parameters of position move what each pixel sees, [H, W, 2].
+    """
+
+    def between(one: Misfit, other: Misfit) -> F64:
+        return (problem.errors(one) - problem.errors(other)) / 2
+
+    ways = [(STEP_PX, 0.0), (0.0, STEP_PX)] if moves else []
+    by_shift = [between(misfit.moved(*way), misfit.moved(-way[0], -way[1])) / STEP_PX for way in ways]
+    rows = [
+        moves[name][..., 0] * by_shift[0] + moves[name][..., 1] * by_shift[1]
+        if name in moves
+        else between(misfit.changed(name, step), misfit.changed(name, -step))
+        for name, step in steps.items()
+    ]
     return np.stack(rows)
 
 

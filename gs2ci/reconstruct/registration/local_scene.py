@@ -22,7 +22,12 @@ _WINDOW_ELEMENTS: Final = 1.5
 _LEAST_WINDOW_PX: Final = 1.5
 # A prediction counts if the weight of a pixel's neighbours is at least this share of the pixel's own weight.
 _LEAST_NEIGHBOURS: Final = 0.5
-_TINY: Final = 1e-12
+TINY: Final = 1e-12
+
+
+def blurred(image: F64, sigma_px: float) -> F64:
+    """Blur a picture, [H, W], mirrored at its border."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT), np.float64)
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,7 @@ class Seen:
 
     def blur(self, image: F64) -> F64:
         """Blur one picture, [H, W], by the window."""
-        blurred: F64 = cv2.GaussianBlur(image, (0, 0), self.window_px, borderType=cv2.BORDER_REFLECT)
-        return blurred
+        return blurred(image, self.window_px)
 
     @property
     def centre_weight(self) -> float:
@@ -72,7 +76,7 @@ class Seen:
         """Return the level of the scene around each pixel, [K, H, W], with its own reading."""
         return np.stack(
             [
-                self.blur(counts * plane * total) / np.maximum(self.blur(counts * total * total), _TINY)
+                self.blur(counts * plane * total) / np.maximum(self.blur(counts * total * total), TINY)
                 for plane, counts in zip(self.planes, self.counts, strict=True)
             ]
         )
@@ -89,9 +93,9 @@ class Seen:
         for plane, counts in zip(self.planes, self.counts, strict=True):
             power = counts * total * total
             around = self.blur(power)
-            level = self.blur(counts * (plane - black) * total) / np.maximum(around, _TINY)
+            level = self.blur(counts * (plane - black) * total) / np.maximum(around, TINY)
             # Leave-one-out in closed form: a pixel's part in its own level is its share of the window's power.
-            own = centre * power / np.maximum(around, _TINY)
+            own = centre * power / np.maximum(around, TINY)
             lever = np.minimum(own, 1 / (1 + _LEAST_NEIGHBOURS))
             left += counts * (plane - black - level * total) / (1 - lever)
         return left

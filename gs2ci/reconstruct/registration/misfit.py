@@ -85,10 +85,11 @@ class Misfit:
 
     def moved(self, down_px: float, right_px: float) -> "Misfit":
         """Return the same with the placement shifted further."""
-        placement = replace(
-            self.placement, down_px=self.placement.down_px + down_px, right_px=self.placement.right_px + right_px
-        )
-        return replace(self, placement=placement)
+        return replace(self, placement=self.placement.changed("down_px", down_px).changed("right_px", right_px))
+
+    def changed(self, name: str, by: float) -> "Misfit":
+        """Return the same with a parameter of light or of edges changed."""
+        return replace(self, **{name: getattr(self, name) + by})
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:

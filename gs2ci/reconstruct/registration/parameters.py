@@ -7,9 +7,8 @@ in, and what is said of it. Not here: the parameters' effect on masks (`misfit`,
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, TypeAlias
-
-import numpy as np
 
 # Coefficients of the field are displacements at this distance, so that they do not depend on the picture's size.
 FIELD_AT_PX: Final = 100.0
@@ -25,8 +24,6 @@ _SIGNIFICANT: Final = 5.0
 _SIGNIFICANT_LIGHT: Final = 4.0
 _ANY: Final = (-math.inf, math.inf)
 
-Change: TypeAlias = Callable[[float, float], float]
-"""From a displacement at the corner and the corner's distance from the middle, px, to the change of a parameter."""
 Words: TypeAlias = Callable[[Mapping[str, float], Mapping[str, float]], str]
 """From values and standard errors, by name, to what is said of a group."""
 
@@ -38,7 +35,9 @@ class Parameter:
     Args:
         name: Its name, which ends with its unit.
         unit: Of its values.
-        change: For a displacement: the change that displaces the picture's corner by so many pixels; None for light.
+        per_px: For a displacement: the change that displaces a corner one pixel from the middle by a pixel; None for
+            light.
+        power: For a displacement: that of the distance with which it grows.
         step: For light: of numerical derivatives; in units of the mean reading if `of_reading`.
         least: For light: the smallest value that matters, likewise.
         of_reading: Step and least value are shares of the mean reading.
@@ -52,7 +51,8 @@ class Parameter:
 
     name: str
     unit: str
-    change: Change | None = None
+    per_px: float | None = None
+    power: int = 0
     step: float = 0.0
     least: float = 0.0
     of_reading: bool = False
@@ -70,8 +70,8 @@ class Parameter:
         return self._scaled(MATTERS_PX, self.least, corner_px, reading)
 
     def _scaled(self, moved_px: float, of_light: float, corner_px: float, reading: float) -> float:
-        if self.change is not None:
-            return self.change(moved_px, corner_px)
+        if self.per_px is not None:
+            return moved_px * self.per_px / corner_px**self.power
         return of_light * reading if self.of_reading else of_light
 
 
@@ -86,22 +86,6 @@ class Group:
     def names(self) -> tuple[str, ...]:
         """Get the parameters' names."""
         return tuple(one.name for one in self.parameters)
-
-
-def _shift(moved_px: float, _: float) -> float:
-    return moved_px
-
-
-def _turn(moved_px: float, corner_px: float) -> float:
-    return float(np.rad2deg(moved_px / corner_px))
-
-
-def _shape(moved_px: float, corner_px: float) -> float:
-    return moved_px / corner_px
-
-
-def _field(power: int) -> Change:
-    return lambda moved_px, corner_px: moved_px * (FIELD_AT_PX / corner_px) ** power
 
 
 def _with(template: str) -> Words:
@@ -124,45 +108,35 @@ def _blurred(values: Mapping[str, float], _: Mapping[str, float]) -> str:
     return f"{how} than stated, by σ {abs(values['blur_sigma_px']):.2f} px"
 
 
-def _of_shape(name: str) -> Parameter:
-    return Parameter(name, "1", _shape, limits=(-0.06, 0.06), most_apart=5e-4)
+_of_shape = partial(Parameter, unit="1", per_px=1.0, power=1, limits=(-0.06, 0.06), most_apart=5e-4)
+_of_light = partial(Parameter, inflation=1.3, errors=_SIGNIFICANT_LIGHT)
 
 
-def _of_light(
-    name: str,
-    unit: str,
-    *,
-    step: float,
-    least: float,
-    of_reading: bool = False,
-    limits: tuple[float, float] = _ANY,
-    inflation: float = 1.3,
-    most_apart: float = 0.1,
-) -> Parameter:
-    return Parameter(name, unit, None, step, least, of_reading, limits, inflation, _SIGNIFICANT_LIGHT, most_apart)
+def _of_field(name: str, power: int) -> Parameter:
+    return Parameter(name, "px", FIELD_AT_PX**power, power)
 
 
 _BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
 
 GROUPS: Final = (
     Group(
-        (Parameter("down_px", "px", _shift), Parameter("right_px", "px", _shift)),
+        (Parameter("down_px", "px", 1.0), Parameter("right_px", "px", 1.0)),
         _with(
             "they lie {down_px:+.3f} ± {e_down_px:.3f} px down and {right_px:+.3f} ± {e_right_px:.3f} px to the right "
             "of where they are stated"
         ),
     ),
     Group(
-        (Parameter("rotation_deg", "deg", _turn, limits=(-5.0, 5.0), most_apart=0.05), _of_shape("scale")),
+        (Parameter("rotation_deg", "deg", math.degrees(1), 1, limits=(-5.0, 5.0), most_apart=0.05), _of_shape("scale")),
         _turned,
     ),
     Group(
         (_of_shape("stretch"), _of_shape("shear")),
         _with("stretched by {stretch:+.5f} ± {e_stretch:.5f} and sheared by {shear:+.5f} ± {e_shear:.5f}"),
     ),
-    Group((Parameter("radial_px", "px", _field(3)),), _bent),
-    Group(tuple(Parameter(name, "px", _field(2)) for name in _BENT), _bent),
-    Group((Parameter("radial5_px", "px", _field(5)),), _bent),
+    Group((_of_field("radial_px", 3),), _bent),
+    Group(tuple(_of_field(name, 2) for name in _BENT), _bent),
+    Group((_of_field("radial5_px", 5),), _bent),
     Group((_of_light("blur_px2", "px²", step=0.05, least=0.02, limits=(-4.0, 16.0), inflation=1.6),), _blurred),
     Group(
         (_of_light("leak", "1", step=0.01, least=0.005, limits=(-0.2, 0.9), most_apart=0.02),),

@@ -8,15 +8,16 @@ grid, a shifted mask seen by pixels is exactly the bilinear interpolation of its
 Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `field`), blur and light (`misfit`).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.run_figures import PlacementSection
-from gs2ci.reconstruct.registration.kernels import sample
-from gs2ci.reconstruct.registration.parameters import FIELD_AT_PX
+from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX
 
 # A pixel up to this far beyond the outermost centre still sees more of that element than of the unknown area.
 _ON_THE_RIM_PX: Final = 0.5
@@ -52,26 +53,41 @@ class Placement(PlacementSection):
     @property
     def field(self) -> F64:
         """Get the coefficients of the field, [8], in the order of the arguments."""
-        bent = (self.down_dd_px, self.down_dr_px, self.down_rr_px, self.right_dd_px, self.right_dr_px, self.right_rr_px)
-        return np.array([self.radial_px, *bent, self.radial5_px])
+        return np.array([getattr(self, name) for name in FIELD])
 
     def with_field(self, field: F64) -> "Placement":
         """Return the same with other coefficients of the field, [8]."""
-        radial, *bent = (float(one) for one in field)
-        return Placement(*self._affine, radial, *bent)
+        return replace(self, **dict(zip(FIELD, field.tolist(), strict=True)))
 
-    @property
-    def _affine(self) -> tuple[float, float, float, float, float, float]:
-        return (self.down_px, self.right_px, self.rotation_deg, self.scale, self.stretch, self.shear)
+    def changed(self, name: str, by: float) -> "Placement":
+        """Return the same with one parameter changed."""
+        return replace(self, **{name: getattr(self, name) + by})
 
     def field_px(self, places: F64) -> F64:
         """Return the field's displacement at observed positions from the middle, both [..., 2] as (down, right)."""
-        d, r = places[..., 0] / FIELD_AT_PX, places[..., 1] / FIELD_AT_PX
+        radial, *bent, fifth = self.field
+        if not self.field.any():
+            return np.zeros_like(places)
+        at = places / FIELD_AT_PX
+        d, r = at[..., 0], at[..., 1]
         squared = d * d + r * r
-        outwards = (self.radial_px + self.radial5_px * squared) * squared
-        down = outwards * d + self.down_dd_px * d * d + self.down_dr_px * d * r + self.down_rr_px * r * r
-        right = outwards * r + self.right_dd_px * d * d + self.right_dr_px * d * r + self.right_rr_px * r * r
-        return np.stack([down, right], axis=-1)
+        outwards = (radial + fifth * squared) * squared
+        moved: F64 = outwards[..., None] * at + np.stack([d * d, d * r, r * r], axis=-1) @ np.reshape(bent, (2, 3)).T
+        return moved
+
+    def stated_at(self, places: F64) -> F64:
+        """Return where elements are stated that are seen at positions from the middle, both [..., 2]."""
+        return np.asarray((places - self.field_px(places) - self.shift_px) @ np.linalg.inv(self.matrix).T, np.float64)
+
+    def derivatives(self, steps: Mapping[str, float], places: F64) -> F64:
+        """Return how far steps of parameters move what is seen at positions from the middle, [..., 2]; [P, ..., 2]."""
+        stated = self.stated_at(places)
+
+        def seen(one: Placement) -> F64:
+            return np.asarray(stated @ one.matrix.T + one.shift_px + one.field_px(places), np.float64)
+
+        moved = [(seen(self.changed(name, step)) - seen(self.changed(name, -step))) / 2 for name, step in steps.items()]
+        return np.reshape(moved, (len(steps), *places.shape))
 
     def moved_px(self, places: F64) -> F64:
         """Return the displacement of elements stated at positions from the middle, both [K, 2] as (down, right)."""
@@ -92,9 +108,12 @@ class Placement(PlacementSection):
 
         Beyond the border the nearest value is repeated, or the picture is continued periodically (wrapped).
         """
-        inverse = np.linalg.inv(self.matrix)
-        field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6, FIELD_AT_PX**5])
-        return sample(stack, np.asarray(inverse, np.float64), self.shift_px, field, wrapped)
+        size = stack.shape[1:]
+        at = np.moveaxis(self.stated_at(from_middle(size)) + (np.array(size) - 1) / 2, -1, 0)
+        pictures = stack.astype(np.float64)
+        return np.stack(
+            [map_coordinates(one, at, order=1, mode="grid-wrap" if wrapped else "nearest") for one in pictures]
+        )
 
     @classmethod
     def from_affine(cls, matrix: F64, shift_px: F64) -> "Placement":
@@ -112,9 +131,10 @@ class Placement(PlacementSection):
 
     def known(self, size: tuple[int, int]) -> Bool:
         """Return the pixels that the displaced masks still cover, [H, W]."""
-        row, column = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
-        middle = (np.array(size) - 1) / 2
-        here = np.stack([row, column], axis=-1) - middle
-        places = (here - self.field_px(here) - self.shift_px) @ np.linalg.inv(self.matrix).T + middle
-        inside: Bool = np.all((places >= -_ON_THE_RIM_PX) & (places <= np.array(size) - 1 + _ON_THE_RIM_PX), axis=-1)
-        return inside
+        farthest = (np.array(size) - 1) / 2 + _ON_THE_RIM_PX
+        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= farthest, axis=-1))
+
+
+def from_middle(size: tuple[int, ...]) -> F64:
+    """Return the positions of all pixels from the picture's middle, [H, W, 2] as (down, right)."""
+    return np.stack(np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in size), indexing="ij"), axis=-1)

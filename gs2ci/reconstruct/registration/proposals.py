@@ -24,7 +24,7 @@ from gs2ci.reconstruct.registration.coarse import (
     place_tiles,
     readable,
 )
-from gs2ci.reconstruct.registration.field import FieldEstimate, find_closer, find_field
+from gs2ci.reconstruct.registration.field import find_closer, find_field
 from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, pixel_weights, refine
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -150,7 +150,7 @@ def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...])
     return None
 
 
-def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, light: tuple[str, ...]) -> MisfitEstimate:
+def _with_its_light(problem: Problem, whole: Problem, field: MisfitEstimate, light: tuple[str, ...]) -> MisfitEstimate:
     """Estimate light with a field, and the field with that light, in turn.
 
     Without a field, its displacements were mistaken for blur. And a displacement by a fraction of a pixel blurs as
@@ -244,10 +244,7 @@ def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
     values, corner_px = estimate.misfit.values(), float(np.hypot(*problem.size)) / 2
 
     def is_sure(one: Parameter) -> bool:
-        if one.name not in estimate.errors:
-            return False
-        matters = abs(values[one.name]) >= one.least_at(corner_px, problem.unit)
-        return matters and estimate.significance(one.name) >= one.errors
+        return estimate.is_sure(one.name) and abs(values[one.name]) >= one.least_at(corner_px, problem.unit)
 
     return tuple(
         name

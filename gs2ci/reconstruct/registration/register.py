@@ -36,13 +36,13 @@ from gs2ci.reconstruct.registration.coarse import (
 )
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
-from gs2ci.reconstruct.registration.light import Unit, find_unit, open_level, untold_clipping
+from gs2ci.reconstruct.registration.light import find_unit, open_level, untold_clipping
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.proposals import beside, propose
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import sources
-from gs2ci.reconstruct.registration.ways import chosen, displaced, from_source, ways_of
+from gs2ci.reconstruct.registration.ways import chosen, from_source, ways_of
 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
@@ -100,7 +100,7 @@ class Registered:
     unit: float = 1.0
     open_level: float = 1.0
     clipped_share: float = 0.0
-    peak: Peak = field(default_factory=Peak.nothing)
+    peak: Peak = field(default_factory=Peak)
     first_mask: int = 0
     tried: dict[str, tuple[float, float]] = field(default_factory=dict)
     averaged: Bool | None = None
@@ -217,7 +217,6 @@ class _Registration:
         self.seed = seed
         self.averaged: Bool | None = None
         self.notes: list[Finding] = []
-        self.found = Registered(shot)
 
     def run(self) -> Registered:
         """Do all steps."""
@@ -261,7 +260,7 @@ class _Registration:
         """
         total = white_reading(self.shot)
         if is_flat(total) or min(total.shape) < _LEAST_SIDE_PX:
-            return Peak.nothing(), "as given"
+            return Peak(), "as given"
         element = element_px(total)
         seen = readable(self.shot, element)
         reach = reach_of(self.shot.size, self.settings.most_shift_px)
@@ -279,8 +278,8 @@ class _Registration:
             return peak, "as given"
         masks = np.ascontiguousarray(ORIENTATIONS[how](self.shot.masks.astype(np.float64))).astype(np.float32)
         turned = replace(self.shot, masks=masks)
-        way = displaced(turned, Misfit().moved(best.down_px, best.right_px))
-        if chosen(self.shot, [way], None, self.seed) is None:
+        moved = MisfitEstimate(Misfit().moved(best.down_px, best.right_px), {})
+        if chosen(self.shot, ways_of(turned, moved), None, self.seed) is None:
             return peak, "as given"
         self.shot = turned
         self.notes.append(finding(Code.MASKS_TURNED, how=how, ratio=best.ratio))
@@ -348,9 +347,6 @@ class _Registration:
         unit = find_unit(level, known, integers)
         if unit is None:
             return 1.0
-        self._divide(unit)
-        return unit.factor
-
-    def _divide(self, unit: Unit) -> None:
         self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))
         self.notes.append(finding(Code.UNIT_CORRECTED, factor=float(unit.factor), reason=unit.reason))
+        return unit.factor

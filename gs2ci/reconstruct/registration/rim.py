@@ -9,7 +9,6 @@ there, and readings are averaged over some elements, since a grey mask can expla
 from dataclasses import dataclass, replace
 from typing import Final
 
-import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
@@ -18,7 +17,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import element_px
-from gs2ci.reconstruct.registration.local_scene import Seen
+from gs2ci.reconstruct.registration.local_scene import Seen, blurred
 from gs2ci.reconstruct.registration.misfit import Misfit
 
 # Width of the average: a small window holds few readings of a narrow band; in a large one the scene changes.
@@ -93,11 +92,9 @@ def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:
     measured = shot.measurement.astype(np.float64).copy()
     for counts in seen.counts:
         inside = counts * pixels
-        around = cv2.GaussianBlur(inside, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+        around = blurred(inside, sigma)
         for channel in range(measured.shape[2]):
-            light = cv2.GaussianBlur(
-                inside * shot.measurement[..., channel], (0, 0), sigma, borderType=cv2.BORDER_REFLECT
-            )
+            light = blurred(inside * shot.measurement[..., channel], sigma)
             level = light / np.maximum(around, 1e-9)
             measured[..., channel] = np.where(inside > 0, level, measured[..., channel])
     return measured.astype(np.float32)

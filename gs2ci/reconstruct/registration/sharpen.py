@@ -22,6 +22,7 @@ Here: all three. Not here: what elements pass (`levels`), whether the masks are 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, Self
 
 import numpy as np
@@ -30,8 +31,8 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.registration.kernels import undo
 from gs2ci.reconstruct.registration.levels import Levels
+from gs2ci.reconstruct.registration.local_scene import TINY
 from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, transfer, variance_of
 
 # Amplification of frequencies that is tried: masks from a drawing allow more than masks from a noisy calibration.
@@ -62,8 +63,6 @@ _HARDLY_PX: Final = 0.02
 # Where the search for both begins, px: this blur, and the interpolation found alone, or this far from it.
 _ALSO_PX: Final = 0.4
 _NEARBY: Final = ((0.0, 0.0), (0.05, 0.0), (0.0, 0.05))
-# Masks without any variance have none to explain.
-_TINY: Final = 1e-12
 # Noise of less than these variances is left as it is, in crisp masks and in soft ones: single elements of a real
 # modulator differ, too, and a blur is only nearly Gaussian.
 _NOISE_OF_CRISP: Final = 1e-5
@@ -144,8 +143,8 @@ def _crisp(stated: F64) -> "_Softened | None":
     deviations = np.minimum(share, 1 - share)[between]
     if not between.any() or np.mean(deviations > 0.5 - _MIDDLE) * between.mean() > _MIDDLE:
         return None
-    variance, odds = float(np.mean(deviations**2)), (opened.mean() + _TINY) / (1 - opened.mean() + _TINY)
-    probable = expit((share - 0.5) / max(variance, _TINY) + np.log(odds))
+    variance, odds = float(np.mean(deviations**2)), (opened.mean() + TINY) / (1 - opened.mean() + TINY)
+    probable = expit((share - 0.5) / max(variance, TINY) + np.log(odds))
     return _Softened(opened, probable, levels, "")
 
 
@@ -204,7 +203,7 @@ class _Softened:
             residual = stated - given
             own = residual.mean(axis=0)
             noise = residual.var(axis=0, ddof=1).mean() / len(stated)
-            given += max(0.0, 1 - noise / max(float(np.mean(own**2)), _TINY)) * own
+            given += max(0.0, 1 - noise / max(float(np.mean(own**2)), TINY)) * own
         noise = float(np.mean((stated - given) ** 2))
         return [Source(_transmissions(given), f"with noise of σ {np.sqrt(noise):.2g}")] if noise >= least else []
 
@@ -242,13 +241,12 @@ class _Softening:
         while step > _FINEST_PX:
             around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
             shift, step = _search(around, part, unshifted, _shifted), step / 2
-        blur = _search(
-            [(float(s), lost) for lost, widest in _LOST for s in _SIGMAS_PX if s <= widest], sample, _filtered, _blurred
-        )
+        tried = [(float(s), lost) for lost, widest in _LOST for s in _SIGMAS_PX if s <= widest]
+        blur = _search(tried, sample, partial(unblur, steps=0), _blurred)
         step = _SIGMA_STEP / 2
         while step * blur[0] > _FINEST_PX:
             around = [(blur[0] * (1 + a * step), blur[1]) for a in (-1, 0, 1)]
-            blur, step = _search(around, sample, _tried, _blurred), step / 2
+            blur, step = _search(around, sample, partial(unblur, steps=_STEPS_OF_A_TRY), _blurred), step / 2
         return cls(shift, *_interpolation_and_blur(part, shift), blur)
 
     def undone(self, masks: F64) -> _Softened:
@@ -317,8 +315,8 @@ def _open_or_closed(masks: F64) -> F64:
 def _left(stated: F64, given: F64) -> float:
     """Return the unexplained share of the variance of stated masks, whatever is passed where all is open or closed."""
     one, other = stated - stated.mean(), given - given.mean()
-    step = float(np.vdot(one, other)) / max(float(np.vdot(other, other)), _TINY)
-    return float(np.mean((one - step * other) ** 2)) / max(float(stated.var()), _TINY)
+    step = float(np.vdot(one, other)) / max(float(np.vdot(other, other)), TINY)
+    return float(np.mean((one - step * other) ** 2)) / max(float(stated.var()), TINY)
 
 
 def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:
@@ -353,22 +351,25 @@ def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:
     return found
 
 
-def _filtered(masks: F64, sigma: float, lost: float) -> F64:
-    return unblur(masks, sigma, lost, 0)
-
-
-def _tried(masks: F64, sigma: float, lost: float) -> F64:
-    return unblur(masks, sigma, lost, _STEPS_OF_A_TRY)
-
-
 def _blurred(masks: F64, sigma: float, _lost: float) -> F64:
     return gaussian(masks, variance_of(sigma))
 
 
 def unshifted(masks: F64, down: float, right: float) -> F64:
     """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, with repeated borders."""
-    undone: F64 = undo(undo(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
-    return undone
+    return _undone(_undone(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
+
+
+def _undone(masks: F64, fraction: float) -> F64:
+    """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end from which values were shifted."""
+    f = min(abs(fraction), 0.5)
+    out = np.empty(masks.shape)
+    given, found = (masks, out) if fraction >= 0 else (masks[:, ::-1], out[:, ::-1])
+    for k in range(masks.shape[1]):
+        last = found[:, k - 1] if k else given[:, 0]
+        # Transmissions outside [0, 1] are rounding errors, which would propagate.
+        found[:, k] = np.clip((given[:, k] - f * last) / (1 - f), 0.0, 1.0)
+    return out
 
 
 def _shifted(masks: F64, down: float, right: float) -> F64:

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.admission import Corner, Trial, counted, level_of
@@ -47,17 +46,13 @@ def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
     misfit, errors = estimate.misfit, dict(estimate.errors)
     found = in_words(misfit.values(), errors)
     stated = shot.masks.astype(np.float64)
+    readings = (shot.measurement - np.float32(misfit.black)).astype(np.float32)
+    black = replace(shot, measurement=readings) if misfit.black else shot
     ways = []
     for one in candidates(stated, misfit) or [None]:
-        corrected, rim = _corrected(shot, misfit, one)
+        corrected, rim = complete(black, misfit, one)
         ways.append(Way(corrected, misfit, errors, found, rim, is_filtered=one is not None))
     return ways
-
-
-def displaced(shot: Shot, misfit: Misfit) -> Way:
-    """Return a shot with its masks displaced by a misfit of which nothing is said."""
-    corrected, rim = _corrected(shot, misfit, None)
-    return Way(corrected, misfit, {}, "", rim)
 
 
 def from_source(shot: Shot, estimate: MisfitEstimate, source: Source) -> list[Way]:
@@ -110,10 +105,3 @@ def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
     corners = [(lower, right) for lower in (False, True) for right in (False, True)]
     places = (np.array(corners) - 0.5) * (np.array(size) - 1)
     return corners[int(np.linalg.norm(misfit.placement.field_px(places), axis=1).argmax())]
-
-
-def _corrected(shot: Shot, misfit: Misfit, masks: F64 | None) -> tuple[Shot, Rim]:
-    """Correct masks and readings; the masks are the given ones, [N, H, W], or the stated ones displaced."""
-    readings = shot.measurement - np.float32(misfit.black)
-    black = replace(shot, measurement=readings.astype(np.float32)) if misfit.black else shot
-    return complete(black, misfit, masks)

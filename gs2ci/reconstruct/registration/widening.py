@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.registration.kernels import edge_bands, widen
 
 
 def widened(masks: F64, px: float) -> F64:
@@ -27,8 +26,27 @@ def widened(masks: F64, px: float) -> F64:
     """
     if px == 0:
         return masks
-    wider: F64 = widen(np.ascontiguousarray(masks, np.float64), float(px))
-    return wider
+    return np.stack([_wider(one, _bands(one, px), px) for one in masks])
+
+
+def _wider(stated: F64, bands: F64, px: float) -> F64:
+    return np.asarray(stated + abs(px) * bands[0] + px * px * bands[1], np.float64)
+
+
+def _bands(mask: F64, px: float) -> F64:
+    """Return the factors of |px| and px² in a mask, [H, W], with elements wider by px, or narrower: [2, H, W]."""
+    height, width = mask.shape
+    # If narrower, open and closed are exchanged: what closed neighbours close.
+    opened = mask if px > 0 else 1 - mask
+    padded = np.pad(opened, 1, mode="edge")
+
+    def beside(down: int, right: int) -> F64:
+        return padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+
+    sides = (-1, 1)
+    strips = sum(beside(k, 0) + beside(0, k) for k in sides)
+    corners = sum(1 - (1 - beside(i, 0)) * (1 - beside(0, j)) * (1 - beside(i, j)) for i in sides for j in sides)
+    return np.asarray(np.sign(px) * (1 - opened) * np.stack([strips, corners - 2 * strips]), np.float64)
 
 
 class MaskSum:
@@ -59,10 +77,13 @@ class MaskSum:
         """Return the sum of masks with wider elements, [H, W], from two pictures for all widths of one sign."""
         if px == 0:
             return self.stated
-        strips, corners = self._bands[0 if px > 0 else 1]
-        wider: F64 = self.stated + abs(px) * strips + px * px * corners
-        return wider
+        return _wider(self.stated, self._bands[px > 0], px)
 
     @cached_property
-    def _bands(self) -> F64:
-        return np.asarray(edge_bands(np.ascontiguousarray(self._masks, np.float64), self._weights), np.float64)
+    def _bands(self) -> dict[bool, F64]:
+        """Get the factors of |px| and px², [2, H, W], if elements are wider and if they are not."""
+        masks = self._masks.astype(np.float64)
+        return {
+            px > 0: sum(weight * _bands(one, px) for weight, one in zip(self._weights, masks, strict=True))
+            for px in (1.0, -1.0)
+        }

@@ -294,7 +294,7 @@ def test_tracks_inside_out_are_turned_by_a_stage_that_is_not_taken_for_its_place
     late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
     right = from_tracks(request_for(), Silent())
     inside_out = replace(reversed_geometry(right), other_order=OtherOrder.of(right))
-    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: inside_out)
+    monkeypatch.setattr(choose, "from_tracks", lambda request, progress: inside_out)
     found = find("auto", request_for(telemetry_world_to_camera=late))
     assert found.source == "tracks"
     np.testing.assert_array_equal(found.world_to_camera, right.world_to_camera)
@@ -304,8 +304,8 @@ def test_auto_says_where_a_stage_reports_a_motion_of_which_nothing_shows(request
     still = from_tracks(request_for(np.repeat(scene.views[:1], len(scene.views), axis=0)), Silent())
     assert still.verdict == "static"
     crept = replace(still, verdict="full", source="stage", notes=())
-    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: still)
-    monkeypatch.setattr(choose, "FromStage", lambda: lambda request, progress: crept)
+    monkeypatch.setattr(choose, "from_tracks", lambda request, progress: still)
+    monkeypatch.setattr(choose, "from_stage", lambda request, progress: crept)
     found = find("auto", request_for(telemetry_world_to_camera=scene.poses))
     assert found.source == "stage"
     assert found.notes[1].code is Code.STAGE_MOTION_UNSEEN
@@ -318,7 +318,7 @@ def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monk
     def blind(request, progress):
         return from_tracks(replace(request, views=np.full_like(request.views, 0.5)), progress)
 
-    monkeypatch.setattr(choose, "FromTracks", lambda: blind)
+    monkeypatch.setattr(choose, "from_tracks", blind)
     found = find("auto", request)
     assert found.source == "stage"
     assert "by the tracks (unsupported)" in found.notes[0].sentence
@@ -404,7 +404,7 @@ def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(reque
 
 def test_auto_seeks_a_uniform_motion_where_halves_of_the_tracks_disagree(request_for, monkeypatch):
     doubted = replace(from_tracks(request_for(), Silent()), path_error_expected=0.2)
-    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: doubted)
+    monkeypatch.setattr(choose, "from_tracks", lambda request, progress: doubted)
     found = find("auto", request_for())
     # The bent path of the tracks is the right one here, and explains more.
     assert found.source == "tracks"
@@ -444,8 +444,8 @@ def test_auto_lets_the_measurement_decide(request_for, monkeypatch):
     good = from_tracks(request_for(), Silent())
     bad = replace(good, inverse_depth=np.float32(2) - good.inverse_depth.clip(0.1, 1.9), source="liar")
     for first, second, winner in ((good, bad, "tracks"), (bad, replace(good, source="truth"), "truth")):
-        monkeypatch.setattr(choose, "FromTracks", lambda first=first: lambda request, progress: first)
-        monkeypatch.setattr(choose, "FromStage", lambda second=second: lambda request, progress: second)
+        monkeypatch.setattr(choose, "from_tracks", lambda request, progress, first=first: first)
+        monkeypatch.setattr(choose, "from_stage", lambda request, progress, second=second: second)
         stage = {"telemetry_world_to_camera": np.tile(np.eye(4), (5, 1, 1))}
         assert find("auto", request_for(**stage)).source == winner
 

@@ -11,7 +11,7 @@ from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.sources.sources import FromFile, FromStage
+from gs2ci.reconstruct.geometry.sources.sources import from_file, from_stage
 from gs2ci.reconstruct.measurement.lens import Lens
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
@@ -66,10 +66,10 @@ def test_path_and_depth_are_found_through_a_lens(bent, compare):
 def test_stage_and_camera_files_are_taken_with_the_lens_that_the_shot_knows(bent, tmp_path, camera_file_of):
     request, straight = bent
     with_stage = replace(request, shot=replace(request.shot, telemetry_world_to_camera=straight.poses))
-    assert FromStage()(with_stage, Silent()).verdict == "full"
+    assert from_stage(with_stage, Silent()).verdict == "full"
     for distortion in (DISTORTION, None):  # pictures as the sensor saw them, or undistorted ones
         file = camera_file_of(tmp_path, straight.poses, 1.3 * FOCAL_PX, SIZE, distortion)
-        found = FromFile(file)(request, Silent())
+        found = from_file(file, request, Silent())
         assert found.verdict == "full"
         np.testing.assert_array_equal(found.intrinsics, request.intrinsics)
         assert found.notes[0].code is Code.FOCAL_OF_SHOT

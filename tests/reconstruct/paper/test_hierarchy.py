@@ -233,20 +233,20 @@ def test_a_focal_length_that_cannot_be_is_refused(request_for, scene, focal, why
 
 
 def test_tracks_that_tell_another_focal_length_overrule_the_model(request_for, scene, monkeypatch):
-    told = Focal(np.array([[100.0, 0, 60], [0, 100, 45], [0, 0, 1]]), "estimated", "from the tracks: 100 px")
+    told = Focal(np.array([[100.0, 0, 60], [0, 100, 45], [0, 0, 1]]), "estimated", ("from the tracks: 100 px",))
     monkeypatch.setattr(hierarchy, "doubts_about_tracks", lambda *given: ())
     monkeypatch.setattr(hierarchy, "estimate_focal", lambda *given: told)
     camera = gated_camera(request_for(intrinsics=None), prediction_of(scene, 190), NO_TRACKS)
     assert camera.intrinsics is told.intrinsics
     assert camera.notes[0].sentence == "VGGT's focal length, 190 px, was refused: the tracks tell another one."
-    assert camera.notes[1:] == (told.note,)
+    assert camera.notes[1:] == told.notes
     assert gated_camera(request_for(intrinsics=None), prediction_of(scene, 140), NO_TRACKS).intrinsics[0, 0] == 140
 
 
 def test_an_adjustment_that_changes_the_focal_length_too_far_is_refused(request_for, scene, tracked):
     made = tracked()
     settings = request_for().settings
-    camera = hierarchy.Camera(made.intrinsics, "estimated", ())
+    camera = Focal(made.intrinsics, "estimated", ())
     wrong = np.diag([2.0, 2.0, 1]) @ made.intrinsics
     wrong[:2, 2] = made.intrinsics[:2, 2]
     said = hierarchy.shortcomings(made.tracks, made.poses, wrong, camera, "after adjustment", (240, 320), settings)
@@ -257,7 +257,7 @@ def test_views_that_see_too_little_are_counted_more_strictly_after_the_adjustmen
     made = tracked(points=300)
     positions = made.tracks.positions.copy()
     positions[:, 0] = np.nan
-    settings, camera = request_for().settings, hierarchy.Camera(made.intrinsics, "file", ())
+    settings, camera = request_for().settings, Focal(made.intrinsics, "file", ())
     tracks = replace(made.tracks, positions=positions)
     after, before = (
         hierarchy.shortcomings(tracks, made.poses, made.intrinsics, camera, step, (240, 320), settings)

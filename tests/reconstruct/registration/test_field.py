@@ -8,18 +8,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.reconstruct.registration.coarse import Peak, Tile, find_tiles, fine_pattern
-from gs2ci.reconstruct.registration.field import (
-    FieldEstimate,
-    _bases,
-    _by_tiles,
-    _jacobian,
-    _let_in,
-    _moves,
-    _predicts_better,
-    bent_px,
-    find_field,
-)
-from gs2ci.reconstruct.registration.fine import Problem
+from gs2ci.reconstruct.registration.field import _by_tiles, _let_in, _predicts_better, bent_px, find_field
+from gs2ci.reconstruct.registration.fine import MisfitEstimate, Problem, _jacobian
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import FIELD, LOW
@@ -163,23 +153,23 @@ def test_few_tiles_and_tiles_that_lie_where_they_should_give_no_field():
     assert _by_tiles(tiles_of(Placement(), size), Placement(), size) is None
 
 
-def test_a_unit_of_each_parameter_moves_as_a_small_placement_does():
+@pytest.mark.parametrize("at", [Placement(), Placement(4.0, -9.0, 2.0, 0.02, -0.01, 0.01, 0.5)])
+def test_a_step_of_each_parameter_moves_what_is_seen_as_a_small_change_does(at):
     row, column = np.meshgrid(np.linspace(-40, 40, 5), np.linspace(-50, 50, 6), indexing="ij")
-    names, small = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear", *FIELD), 1e-4
-    moved = _moves(row, column, names)
-    places = np.stack([row, column], axis=-1).reshape(-1, 2)
-    for name, by in zip(names, moved, strict=True):
-        change = getattr(Placement(), name) + small
-        really = Placement(**{name: change}).moved_px(places).T.reshape(by.shape) / small
-        np.testing.assert_allclose(by, really, atol=2e-2 * max(1.0, np.abs(by).max()), err_msg=name)
+    places, small = np.stack([row, column], axis=-1), 1e-4
+    steps = dict.fromkeys(("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear", *FIELD), small)
+    stated = at.stated_at(places)
+    for name, by in zip(steps, at.derivatives(steps, places), strict=True):
+        there, before = (stated + one.moved_px(stated) for one in (at.changed(name, small), at))
+        np.testing.assert_allclose(by, there - before, atol=3e-2 * np.abs(by).max(), err_msg=name)
 
 
 def test_terms_are_let_in_together_if_one_is_sure_and_masks_move_enough():
-    placement = Placement(radial_px=0.5)
-    sure = FieldEstimate(Misfit(placement), dict.fromkeys(LOW, 1e-4), 0.07)
-    assert "radial_px" in _let_in(sure)
-    assert _let_in(replace(sure, bent_px=0.04)) == ()
-    assert _let_in(replace(sure, errors=dict.fromkeys(LOW, 1.0))) == ()
+    problem, placement = SimpleNamespace(size=(200, 240)), Placement(radial_px=0.5)
+    sure = MisfitEstimate(Misfit(placement), dict.fromkeys(LOW, 1e-4))
+    assert "radial_px" in _let_in(problem, sure)
+    assert _let_in(problem, replace(sure, misfit=Misfit(Placement(radial_px=0.02)))) == ()
+    assert _let_in(problem, replace(sure, errors=dict.fromkeys(LOW, 1.0))) == ()
     assert bent_px(Placement(scale=0.01), (40, 50)) == pytest.approx(0.0, abs=1e-9)
     assert bent_px(placement, (200, 240)) > 0.05
 
@@ -187,8 +177,10 @@ def test_terms_are_let_in_together_if_one_is_sure_and_masks_move_enough():
 def test_derivatives_are_those_of_errors_that_grow_with_a_shift():
     down, right = np.random.default_rng(0).normal(size=(2, 20, 24))
     problem = SimpleNamespace(errors=lambda one: down * one.placement.down_px + right * one.placement.right_px)
-    found = _jacobian(problem, Misfit(), _bases((20, 24), ("down_px", "right_px")))
-    np.testing.assert_allclose(found, [down, right], atol=1e-9)
+    steps = {"down_px": 0.1, "right_px": 0.2}
+    moves = dict(zip(steps, np.array([(0.1, 0.0), (0.0, 0.2)])[:, None, None], strict=True))
+    found = _jacobian(problem, Misfit(), steps, moves)
+    np.testing.assert_allclose(found, [0.1 * down, 0.2 * right], atol=1e-9)
 
 
 def test_what_errs_surely_less_predicts_better():

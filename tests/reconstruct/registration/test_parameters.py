@@ -20,7 +20,7 @@ def test_the_list_has_every_error_of_the_record_in_its_order():
     assert [one for group in GROUPS for one in group.parameters] == list(PARAMETERS)
 
 
-@pytest.mark.parametrize("one", [one for one in PARAMETERS if one.change is not None], ids=lambda one: one.name)
+@pytest.mark.parametrize("one", [one for one in PARAMETERS if one.per_px is not None], ids=lambda one: one.name)
 def test_a_step_displaces_the_farthest_corner_by_a_tenth_of_a_pixel(one):
     step = one.step_at(float(np.hypot(*SIZE)) / 2, 1.0)
     moved = Misfit.from_vector(np.where(np.array(NAMES) == one.name, step, 0.0)).placement.displacement_px(SIZE)

@@ -20,8 +20,14 @@ def without_noise(masks):
 
 
 @pytest.fixture(scope="module")
-def masks():
-    return (np.random.default_rng(6).random((2, 64, 80)) < 0.3).astype(float)
+def size(request):
+    """Height and width of masks: larger ones by night."""
+    return (64, 80) if request.config.option.nightly else (44, 56)
+
+
+@pytest.fixture(scope="module")
+def masks(size):
+    return (np.random.default_rng(6).random((2, *size)) < 0.3).astype(float)
 
 
 @pytest.mark.parametrize(("sigma_px", "noise"), [(0.5, 1e-2), (0.9, 1e-3), (1.4, 0.0), (2.0, 0.0)])
@@ -103,9 +109,9 @@ def test_elements_between_open_and_closed_are_as_open_as_is_probable(masks):
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.05])
-def test_noise_is_taken_out_of_soft_masks_and_what_every_pixel_has_of_its_own_is_kept(sigma):
+def test_noise_is_taken_out_of_soft_masks_and_what_every_pixel_has_of_its_own_is_kept(sigma, size):
     rng = np.random.default_rng(9)
-    masks = (rng.random((8, 64, 80)) < 0.3).astype(float)
+    masks = (rng.random((8, *size)) < 0.3).astype(float)
     own = rng.lognormal(np.log(0.03), 0.5, masks.shape[1:])
     true = own + (0.9 - own) * blurred(masks, 0.5)
     noisy = np.clip(true + rng.normal(0, sigma, masks.shape), 0, 1)

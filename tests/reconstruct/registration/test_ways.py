@@ -7,9 +7,10 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.rim import Rim
-from gs2ci.reconstruct.registration.ways import Way, chosen, displaced
+from gs2ci.reconstruct.registration.ways import Way, chosen, ways_of
 
 VIEWS = 8
 
@@ -36,7 +37,7 @@ def shifted(seed, side, shift_px, *, is_right):
 def test_readings_averaged_where_no_mask_is_known_do_not_speak_for_a_displacement(side, shift_px, seed):
     for is_right in (True, False):
         shot = shifted(seed, side, shift_px, is_right=is_right)
-        way = displaced(shot, Misfit().moved(shift_px, shift_px))
+        way = ways_of(shot, MisfitEstimate(Misfit().moved(shift_px, shift_px), {}))[0]
         assert (chosen(shot, [way], None, 0) is way) == is_right
 
 

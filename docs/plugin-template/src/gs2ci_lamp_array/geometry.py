@@ -8,7 +8,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources.sources import FromStage
+from gs2ci.reconstruct.geometry.sources.sources import from_stage
 
 
 class Sideways:
@@ -17,7 +17,7 @@ class Sideways:
     name = "sideways"
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
-        found = FromStage()(replace(request, shot=told(request.shot)), progress)
+        found = from_stage(replace(request, shot=told(request.shot)), progress)
         return replace(found, source=self.name)
 
 

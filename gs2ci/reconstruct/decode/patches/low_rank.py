@@ -132,8 +132,12 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
     else:
         _centre(group, members, row, mean)
     _multiply(group, rows, columns, row, covariance)
-    eigen_rows(covariance, vectors, lines, columns)
-    kept = _weigh(lines[0], vectors, members, columns, sigma, projection)
+    kept = 0
+    # No eigenvalue is above the root of the sum of squares: most groups of smooth places, above all in colours, need no
+    # search for any.
+    if _sum_of_squares(covariance, columns * row) > (members * sigma * sigma) ** 2:
+        eigen_rows(covariance, vectors, lines, columns)
+        kept = _weigh(lines[0], vectors, members, columns, sigma, projection)
     restored = lines[1]
     for r in range(rows):
         for b in range(0, row, LANES):
@@ -144,6 +148,15 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
             store(restored, b, total)
         for b in range(0, row, LANES):
             store(group, r * row + b, load(restored, b))
+
+
+@helper(fastmath=REORDERED)
+def _sum_of_squares(matrix: F32, size: int) -> float:
+    total = broadcast(_ZERO)
+    for b in range(0, size, LANES):
+        row = load(matrix, b)
+        total = fused(row, row, total)
+    return sum_of_lanes(total)
 
 
 @helper(fastmath=REORDERED)

@@ -160,7 +160,12 @@ class CoarseRun:
             self._keep()
 
     def views(self) -> F32:
-        """Render the scene as it is now, as each mask of the first exposure saw it, [N, H, W, C] float32."""
+        """Render the scene as each mask of the first exposure sees it now, [N, H, W, C] float32.
+
+        A fit that its last step has spoilt goes back to its best state.
+        """
+        if not self._fit.optimiser.scene_is_finite():
+            self._fit.restore(self._best)
         return self._fit.views()
 
     @property
@@ -295,7 +300,12 @@ class CoarseRun:
                 self._watch.set_back(iteration)
 
     def _look(self, iteration: int, loss: float) -> None:
-        """Judge the views as they would be delivered now, and keep the state if it is the best so far."""
+        """Judge the views as they would be delivered now, and keep the state if it is the best so far.
+
+        A state that its last step has spoilt has no views; the next iteration goes back from it.
+        """
+        if not self._fit.optimiser.scene_is_finite():
+            return
         began_s = time.monotonic()
         heldout = self._looks.take(self._fit.seen(), iteration, loss, len(self._fit.scene))
         if self._watch.note(heldout, iteration):

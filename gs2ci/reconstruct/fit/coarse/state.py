@@ -191,7 +191,7 @@ class FitState:
             at: Iterations and rollbacks so far.
         """
         settings = self.settings.surfaces
-        if settings is None or not self.search_is_due(share):
+        if settings is None or not self.search_is_due(share) or not self.optimiser.scene_is_finite():
             return False
         number, search = len(settings.searches) - len(self._searches), self._searches.pop(0)
         outwards = settings.margin if not self._searches else None

@@ -62,7 +62,7 @@ class ReferenceView:
     Args:
         pose: world_to_camera, [4, 4].
         focal_px: Its focal length, px.
-        path_length: Diameter of the camera path, in scene units.
+        path_length: Diameter of the camera path, that of one exposure, in scene units.
     """
 
     pose: F64

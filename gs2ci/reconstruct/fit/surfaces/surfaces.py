@@ -6,7 +6,7 @@ plane sweep. So a few of them are swept during the fit, depth on which the sweep
 loss penalises light that is stopped elsewhere. The weight of this term decreases, so that the measurement decides in
 the end; light that has been drawn to surfaces stays there.
 
-Here: the sweeps, the term. Not here: when it counts (`coarse/stage.py`), the sweep (`geometry.depth.surface_map`), the
+Here: the sweeps, the term. Not here: when it counts (`coarse/stage.py`), the sweep (`geometry.depth.sweep`), the
 agreement of several (`geometry.depth.map_agreement`).
 """
 
@@ -38,8 +38,7 @@ from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, Field
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
 from gs2ci.reconstruct.geometry.depth.snapping import snapped
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import as_image, pull_back
 from gs2ci.render.conventions import NEAR
@@ -283,7 +282,7 @@ def find_surfaces(
         order = [view, *[i for i in beside if i != view][: settings.others]]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         compared = np.stack([straight[i] for i in order])
-        found = surface_map(compared, from_view, intrinsics, 0, span, settings.sweep)
+        found = sweep(compared, from_view, intrinsics, 0, span, settings.sweep)
         maps.append(snapped(found, straight[view]) if settings.snap else found)
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)

@@ -8,12 +8,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.kernels import EXACT, f32_2, f64_1, f64_2, kernel
+from gs2ci.reconstruct.geometry.path.adjustment_kernels import LEAST_RELATIVE_DEPTH
 
 _STEPS = 4
 # Coordinates are limited to this distance outside, beyond which OpenCV's fixed point would overflow.
 _OUTSIDE_PX = 1e4
-# Least depth along a view's axis, as a share of the middle view's: visible points lie in front of the camera.
-_LEAST_AHEAD = 1e-3
 
 
 def carried_places(places: F64, inverse_depth: F32, pose: F64, intrinsics: F64, rays_of_pixels: F64) -> F32:
@@ -53,7 +52,7 @@ def _carry(places, inverse_depth, through, shift, axis, found):
             row = min(int(y), height - 1) if y > 0 else 0
             depth = 1 / np.float64(inverse_depth[row, column])
             along = axis[3] + (axis[0] * x + axis[1] * y + axis[2]) * depth
-            along = max(along, _LEAST_AHEAD * depth)
+            along = max(along, LEAST_RELATIVE_DEPTH * depth)
             ahead = c * along - shift[2]
             if ahead > 0:
                 per_ahead = 1 / ahead

@@ -41,19 +41,16 @@ def walk(
         own = (2 * line + i % 2) * planes
         before = (2 * line + (i + 1) % 2) * planes
         least = FAR
-        if i > 0:
-            for d in range(planes):
-                least = wp.min(least, paths[before + d])
         for d in range(planes):
-            way = cost[at + d]
-            if i > 0:
-                beside = FAR
-                if d > 0:
-                    beside = paths[before + d - 1]
-                if d < planes - 1:
-                    beside = wp.min(beside, paths[before + d + 1])
-                cheapest = wp.min(wp.min(paths[before + d], beside + SMALL_JUMP), least + LARGE_JUMP)
-                way = way + (cheapest - least)
+            least = wp.min(least, paths[before + d])
+        for d in range(planes):
+            beside = FAR
+            if d > 0:
+                beside = paths[before + d - 1]
+            if d < planes - 1:
+                beside = wp.min(beside, paths[before + d + 1])
+            cheapest = wp.min(wp.min(paths[before + d], beside + SMALL_JUMP), least + LARGE_JUMP)
+            way = cost[at + d] + (cheapest - least)
             paths[own + d] = way
             total[at + d] = total[at + d] + way
 
@@ -73,7 +70,8 @@ def add_paths(cost: Tensor, total: Tensor, lines: tuple[int, int, int, int], *, 
         backwards: Whether from the last pixel to the first.
     """
     (count, length, apart, step), planes = lines, cost.shape[2]
-    paths = torch.empty(2 * count * planes, device=cost.device)
+    # A path begins as from a pixel that cost nothing.
+    paths = torch.zeros(2 * count * planes, device=cost.device)
     arrays = [wp.from_torch(one.view(-1)) for one in (cost, paths, total)]
     numbers = [length, planes, apart, step, int(backwards)]
     wp.launch(walk, dim=count, inputs=[arrays[0], *numbers], outputs=arrays[1:], device=arrays[0].device)

@@ -17,7 +17,6 @@ FEATURES: Final = 8
 _I32: Final = ir.IntType(32)
 _I64: Final = ir.IntType(64)
 _EIGHT: Final = ir.VectorType(ir.FloatType(), FEATURES)
-_FLOAT_ALIGNMENT: Final = 4
 
 
 def _shuffled(builder: ir.IRBuilder, vector: Any, order: list[int]) -> Any:
@@ -33,7 +32,7 @@ def _eight(context: Any, builder: ir.IRBuilder, array_type: Any, array: Any, pix
     """Load the features of a pixel."""
     element = builder.mul(pixel, ir.Constant(_I64, FEATURES))
     pointer = _pointer(context, builder, array_type, array, element)
-    return builder.load(builder.bitcast(pointer, _EIGHT.as_pointer()), align=_FLOAT_ALIGNMENT)
+    return builder.load(builder.bitcast(pointer, _EIGHT.as_pointer()), align=types.float32.bitwidth // 8)
 
 
 @intrinsic

@@ -8,60 +8,26 @@ any number of threads. The readable statement of the same steps, in numpy float6
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, I32
-from gs2ci.core.kernels import EXACT, f32, f32_2, f32_3, f64_4, helper, i64, in_parts, kernel
+from gs2ci.core.kernels import EXACT, f32_1, f32_3, f64_4, helper, i64, in_parts, kernel
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES, differ
 
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
 TRUNCATED_AT = 0.6
-UNSEEN_COST = 0.3
+UNSEEN_COST = TRUNCATED_AT / 2
 # Semi-global penalties, in the unit of the cost: for one step in inverse depth, and for any jump. Smoother maps (9x9
 # windows, penalties of 0.02 and 0.3, a median filter) have a smaller median error, 5.2 against 6.0 % on fourteen
 # scenes, but lose thin things that the fit does not find again: it ended at 30.3 against 31.2 dB on a rendered fern
 # and at 33.4 against 33.9 dB on a motorcycle.
 SMALL_JUMP = 0.01
-LARGE_JUMP = 0.08
+LARGE_JUMP = 8 * SMALL_JUMP
 
-_STRIP_ROWS = 32
-_STRIP_COLUMNS = 32
+# Rows of a strip of which costs are computed, and columns that are smoothed, at once.
+_STRIP = 32
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 LEAST_DEPTH = np.float32(1e-3)
 _FAR = np.float32(1e9)
 # Below the rounding of path costs of order 1: it decides nothing but a division by 0.
 LEAST_BEND = np.float32(1e-9)
-
-
-@kernel(i64, i64, f32_3, f32_2, f32_2, f32, f32, f32_3, fastmath=EXACT)
-def describe(
-    from_task: int,
-    to_task: int,
-    view: F32,
-    right: F32,
-    down: F32,
-    colour: np.float32,
-    gradient: np.float32,
-    features: F32,
-) -> None:
-    """Write the features of a view's pixels, [H, W, 8]: weighted colours and derivatives, then zeros.
-
-    Args:
-        from_task: The first task of this part.
-        to_task: The end of them.
-        view: [H, W, C] with C <= 6.
-        right: Its derivative along rows, [H, W].
-        down: Its derivative along columns, [H, W].
-        colour: Weight of each channel.
-        gradient: Weight of each derivative.
-        features: Written.
-    """
-    _, width, channels = view.shape
-    for r in range(from_task, to_task):
-        for c in range(width):
-            for k in range(channels):
-                features[r, c, k] = colour * view[r, c, k]
-            features[r, c, channels] = gradient * right[r, c]
-            features[r, c, channels + 1] = gradient * down[r, c]
-            for k in range(channels + 2, FEATURES):
-                features[r, c, k] = _ZERO
 
 
 @helper(fastmath=frozenset({"contract", "nsz"}))
@@ -194,7 +160,7 @@ def _cost(from_strip, to_strip, reference, views, homographies, best, window, co
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]
     for strip in range(from_strip, to_strip):
-        top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
+        top, bottom = strip * _STRIP, min((strip + 1) * _STRIP, height)
         ring = np.empty((count, window, width), np.float32)
         for d in range(planes):
             _cost_of_strip(reference, views, homographies[d], best, top, bottom, ring, cost[:, :, d])
@@ -218,7 +184,7 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
     planes, count = homographies.shape[:2]
     cost = np.empty((height, width, planes), np.float32)
     flat = views.reshape(count, height * width, FEATURES)
-    in_parts(_cost, -(-height // _STRIP_ROWS), reference, flat, homographies, best, window, cost)
+    in_parts(_cost, -(-height // _STRIP), reference, flat, homographies, best, window, cost)
     return cost
 
 
@@ -243,94 +209,46 @@ def _walk(cost: F32, before: F32, after: F32, total: F32) -> None:
         total[d] += after[d + 1]
 
 
-@helper(fastmath=EXACT)
-def _start(cost: F32, after: F32, total: F32) -> None:
-    """Begin a path at its first pixel, and add its costs to the total, [D]."""
-    planes = cost.shape[0]
-    after[0] = _FAR
-    after[planes + 1] = _FAR
-    for d in range(planes):
-        after[d + 1] = cost[d]
-    for d in range(planes):
-        total[d] += cost[d]
-
-
-def sum_along_rows(cost: F32) -> F32:
-    """Sum the path costs from the left and from the right, [H, W, D]."""
+def smoothed(cost: F32) -> F32:
+    """Sum the path costs from the left, from the right, from above and from below, [H, W, D]."""
+    height, width, planes = cost.shape
     total = np.zeros_like(cost)
-    in_parts(_sum_along_rows, len(cost), cost, total)
+    for lines, length, apart, step, together in (
+        (height, width, width * planes, planes, 1),
+        (width, height, planes, width * planes, _STRIP),
+    ):
+        tasks = -(-lines // together)
+        in_parts(_walk_lines, tasks, cost.ravel(), lines, length, planes, apart, step, together, total.ravel())
     return total
 
 
-@kernel(i64, i64, f32_3, f32_3, fastmath=EXACT)
-def _sum_along_rows(from_row, to_row, cost, total):
-    _, width, planes = cost.shape
-    for r in range(from_row, to_row):
-        paths = np.empty((2, planes + 2), np.float32)
-        for i in range(width):
-            if i == 0:
-                _start(cost[r, 0], paths[0], total[r, 0])
-            else:
-                _walk(cost[r, i], paths[(i - 1) % 2], paths[i % 2], total[r, i])
-        for i in range(width):
-            c = width - 1 - i
-            if i == 0:
-                _start(cost[r, c], paths[0], total[r, c])
-            else:
-                _walk(cost[r, c], paths[(i - 1) % 2], paths[i % 2], total[r, c])
+@kernel(i64, i64, f32_1, i64, i64, i64, i64, i64, i64, f32_1, fastmath=EXACT)
+def _walk_lines(from_task, to_task, cost, lines, length, planes, apart, step, together, total):
+    """Add the path costs of both directions of lines; `apart` numbers lie between two lines, `step` between pixels."""
+    for task in range(from_task, to_task):
+        first, end = task * together, min((task + 1) * together, lines)
+        for backwards in range(2):
+            # A path begins as from a pixel that cost nothing.
+            paths = np.zeros((together, 2, planes + 2), np.float32)
+            for i in range(length):
+                place = (length - 1 - i if backwards else i) * step
+                # Columns go side by side, since their pixels are neighbours in memory.
+                for line in range(first, end):
+                    at, path = line * apart + place, paths[line - first]
+                    _walk(cost[at : at + planes], path[i % 2], path[(i + 1) % 2], total[at : at + planes])
 
 
-@helper(fastmath=frozenset({"nnan", "nsz"}))
-def _lowest(total: F32) -> float:
-    """Find the first plane of least cost, to a fraction of a step by a parabola through its neighbours."""
-    planes = total.shape[0]
-    least = total[0]
-    for d in range(1, planes):
-        least = min(least, total[d])
-    k = 0
-    while k < planes - 1 and total[k] != least:
-        k += 1
-    k = min(max(k, 1), planes - 2)
-    before, here, after = total[k - 1], total[k], total[k + 1]
-    # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
-    bend = max(before - 2 * here + after, LEAST_BEND)
-    return float(k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5)))
-
-
-def best_plane(cost: F32, along_rows: F32) -> F32:
-    """Add the path costs from above and from below and find the best plane of each pixel.
+def best_plane(total: F32) -> F32:
+    """Find the first plane of least cost of each pixel, to a fraction of a step by a parabola through its neighbours.
 
     Args:
-        cost: [H, W, D], D >= 3.
-        along_rows: Path costs of the other two directions, [H, W, D]; used up.
+        total: Path costs, [H, W, D], D >= 3.
 
     Returns:
         Plane index with its fraction, [H, W].
     """
-    index = np.empty(cost.shape[:2], np.float32)
-    in_parts(_best_plane, -(-cost.shape[1] // _STRIP_COLUMNS), cost, along_rows, index)
-    return index
-
-
-@kernel(i64, i64, f32_3, f32_3, f32_2, fastmath=EXACT)
-def _best_plane(from_strip, to_strip, cost, along_rows, index):
-    height, width, planes = cost.shape
-    for strip in range(from_strip, to_strip):
-        left, right = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, width)
-        paths = np.empty((2, right - left, planes + 2), np.float32)
-        for r in range(height):
-            for c in range(left, right):
-                after = paths[r % 2, c - left]
-                if r == 0:
-                    _start(cost[r, c], after, along_rows[r, c])
-                else:
-                    _walk(cost[r, c], paths[(r - 1) % 2, c - left], after, along_rows[r, c])
-        for i in range(height):
-            r = height - 1 - i
-            for c in range(left, right):
-                after = paths[i % 2, c - left]
-                if i == 0:
-                    _start(cost[r, c], after, along_rows[r, c])
-                else:
-                    _walk(cost[r, c], paths[(i - 1) % 2, c - left], after, along_rows[r, c])
-                index[r, c] = _lowest(along_rows[r, c])
+    place = total.argmin(axis=2).clip(1, total.shape[2] - 2)
+    before, here, after = (np.take_along_axis(total, place[..., None] + k, axis=2)[..., 0] for k in (-1, 0, 1))
+    # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
+    bend = np.maximum(before - 2 * here.astype(np.float64) + after, LEAST_BEND)
+    return np.asarray(place + ((before - after) / (2 * bend)).clip(-0.5, 0.5), np.float32)

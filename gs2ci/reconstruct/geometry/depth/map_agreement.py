@@ -1,7 +1,7 @@
 """How far the depth maps of several views agree: how much each of their pixels is to be trusted.
 
 A pixel's point is compared with what the other maps show where they see it. Rows are the tasks that threads share, so
-the result is the same for any number of them. Not here: the maps (`surface_map`), what trust is for (`fit.surfaces`).
+the result is the same for any number of them. Not here: the maps (`sweep`), what trust is for (`fit.surfaces`).
 """
 
 from typing import Final

@@ -19,6 +19,7 @@ from scipy.ndimage import label, map_coordinates
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.reconstruct.geometry.depth.view_depths import in_picture
 from gs2ci.reconstruct.measurement.lens import pixel_centres
 from gs2ci.render.conventions import NEAR
 
@@ -175,20 +176,13 @@ def _surfaces(depth: F64, moved: F64, camera: _Camera) -> tuple[F64, F64]:
     """Return the nearest and the farthest depth that fall on each pixel of a moved camera, [H, W]; NaN for none."""
     height, width = camera.size
     places, depths = camera.carried(np.where(depth > 0, depth, np.nan), moved)
-    inside = _inside(places, camera.size)
+    inside = in_picture(places, camera.size)
     columns, rows = np.floor(places[inside]).astype(np.intp).T
     nearest, farthest = np.full(height * width, np.inf), np.full(height * width, -np.inf)
     np.minimum.at(nearest, rows * width + columns, depths[inside])
     np.maximum.at(farthest, rows * width + columns, depths[inside])
     near, far = (np.where(np.isfinite(one), one, np.nan).reshape(height, width) for one in (nearest, farthest))
     return near, far
-
-
-def _inside(places: F64, size: tuple[int, int]) -> Bool:
-    height, width = size
-    x, y = places[..., 0], places[..., 1]
-    found: Bool = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    return found
 
 
 def _sampled(view: F64, places: F64) -> F64:

@@ -15,10 +15,10 @@ from pydantic import AfterValidator, Field
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
-from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
-from gs2ci.reconstruct.geometry.depth.kernels import best_plane, describe, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
+from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 from gs2ci.reconstruct.geometry.tracks.tracks import RESIDUE_BLUR_PX
 from gs2ci.render.places import working_device
 
@@ -80,18 +80,36 @@ def sweep(
         Inverse depth, [H, W] float32, within `span`.
     """
     height, width = views.shape[1:3]
-    small = reduced(views, settings.most_pixels)
+    # Penalties are in full scales.
+    small = brightened(reduced(views, settings.most_pixels))
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
     others = [i for i in range(len(views)) if i != reference]
     features = features_of([small[i] for i in (reference, *others)], settings.blur_px)
-    inverse_depths = np.linspace(*span, settings.planes)
-    homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
-    best = max(min(_LEAST_VIEWS_KEPT, len(others)), _seen_by(len(others)))
+    inverse_depth = sweep_features(features, world_to_camera[others], scale[:, None] * intrinsics, span, settings)
+    if small.shape != views.shape:
+        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
+    return inverse_depth
+
+
+def sweep_features(
+    features: F32, world_to_camera: F64, intrinsics: F64, span: tuple[float, float], settings: SweepSettings
+) -> F32:
+    """Do so with views that are described already, [N, H, W, 8], the reference view first.
+
+    Args:
+        features: Of views of the size that is swept (`features_of`).
+        world_to_camera: Poses of the others, [N - 1, 4, 4].
+        intrinsics: As for `sweep`, for views of that size.
+        span: As for `sweep`.
+        settings: As for `sweep`.
+    """
+    homographies = plane_homographies(world_to_camera, intrinsics, np.linspace(*span, settings.planes))
+    others = len(world_to_camera)
+    # A place is assumed to be seen in two thirds of the other views.
+    best = max(min(_LEAST_VIEWS_KEPT, others), others * 2 // 3)
     index = _best_planes(features, homographies, best, settings.window_px)
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
-    if small.shape != views.shape:
-        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
 
 
@@ -100,8 +118,7 @@ def _best_planes(features: F32, homographies: F64, best: int, window: int) -> F3
     device = working_device()
     if device is not None:
         return best_planes_on_device(features, homographies, best, window, device)
-    cost = matching_cost(features[0], features[1:], homographies, best, window)
-    return best_plane(cost, sum_along_rows(cost))
+    return best_plane(smoothed(matching_cost(features[0], features[1:], homographies, best, window)))
 
 
 def reduced(views: F32, most_pixels: int) -> F32:
@@ -115,11 +132,6 @@ def reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def _seen_by(others: int) -> int:
-    """Return in how many of the other views a place is assumed to be seen."""
-    return others * 2 // 3
-
-
 def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
     """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [N, H, W, 8].
 
@@ -128,14 +140,14 @@ def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
         blur_px: Standard deviation of a blur before that.
     """
     height, width, channels = views[0].shape
-    features = np.empty((len(views), height, width, FEATURES), np.float32)
+    features = np.zeros((len(views), height, width, FEATURES), np.float32)
     for view, described in zip(views, features, strict=True):
         blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
         grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
         # A Sobel operator of size 3 returns eight times the derivative of a ramp.
-        right, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
-        weights = np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8)
-        in_parts(describe, len(blurred), blurred, right, down, *weights, described)
+        gradient = np.stack([cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1))], axis=-1)
+        described[..., :channels] = np.float32(3 / channels) * blurred
+        described[..., channels : channels + 2] = np.float32(_GRADIENT_WEIGHT / 8) * gradient
     return features
 
 

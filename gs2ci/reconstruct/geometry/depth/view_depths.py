@@ -9,7 +9,7 @@ Along a path that is wrong the depths of the views contradict each other: along 
 gave, they agreed no better than depths at random (docs/decisions/wide-baseline.md).
 
 Here: when a path turns far, which views are swept, their depths, how far these agree, and where views show points. Not
-here: the sweep (`surface_map`), the points that follow (`points`).
+here: the sweep (`sweep`), the points that follow (`points`).
 """
 
 import math
@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, inverse_depth_range
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.path.motion import rays
 
 # Patches of decoded views can be tracked over about so large a turn.
@@ -90,7 +89,7 @@ def view_depths(
         order = np.argsort(turns[view], kind="stable")
         order = np.concatenate([[view], order[order != view][:_NEIGHBOURS]])
         poses = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        found.append(ViewDepth(view, surface_map(views[order], poses, intrinsics, 0, span, settings)))
+        found.append(ViewDepth(view, sweep(views[order], poses, intrinsics, 0, span, settings)))
     return tuple(found)
 
 
@@ -169,9 +168,9 @@ def project(points: F64, pose: F64, intrinsics: F64) -> tuple[F64, F64]:
 
 
 def in_picture(pixels: F64, size: tuple[int, ...]) -> Bool:
-    """Tell which pixels, [P, 2], lie in a picture of a height and width; a point behind the camera has NaN: not."""
+    """Tell which pixels, [..., 2], lie in a picture of a height and width; a point behind the camera has NaN: not."""
     inside = (pixels >= 0) & (pixels < (size[1], size[0]))
-    return inside[:, 0] & inside[:, 1]
+    return inside[..., 0] & inside[..., 1]
 
 
 def _points(depth: ViewDepth, pose: F64, intrinsics: F64) -> F64:

@@ -15,10 +15,10 @@ LEAST_RELATIVE_DEPTH = 1e-3
 
 
 @kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, fastmath=EXACT)
-def huber_cost(
+def normal_blocks(
     rotations: F64, translations: F64, inverse_depth: F64, rays: F64, seen_at: F64, seen: Bool, focal: F64, huber: float
-) -> float:
-    """Sum the Huber costs of all sightings, in px².
+) -> tuple[float, F64, F64, F64, F64, F64]:
+    """Sum the Huber costs of all sightings, and accumulate JᵀWJ and −JᵀWr in blocks.
 
     Args:
         rotations: [N, 3, 3].
@@ -29,35 +29,16 @@ def huber_cost(
         seen: [N, P].
         focal: fx and fy, [2].
         huber: Residual from which on the cost is linear, px.
-    """
-    total = 0.0
-    for i in range(seen.shape[0]):
-        R, t = rotations[i], translations[i]
-        for p in range(seen.shape[1]):
-            if not seen[i, p]:
-                continue
-            x, y, rho = rays[p, 0], rays[p, 1], inverse_depth[p]
-            X = R[0, 0] * x + R[0, 1] * y + R[0, 2] + t[0] * rho
-            Y = R[1, 0] * x + R[1, 1] * y + R[1, 2] + t[1] * rho
-            Z = max(R[2, 0] * x + R[2, 1] * y + R[2, 2] + t[2] * rho, LEAST_RELATIVE_DEPTH)
-            distance = np.hypot(focal[0] * (X / Z - seen_at[i, p, 0]), focal[1] * (Y / Z - seen_at[i, p, 1]))
-            total += 0.5 * distance**2 if distance < huber else huber * (distance - 0.5 * huber)
-    return total
-
-
-@kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, fastmath=EXACT)
-def normal_blocks(
-    rotations: F64, translations: F64, inverse_depth: F64, rays: F64, seen_at: F64, seen: Bool, focal: F64, huber: float
-) -> tuple[F64, F64, F64, F64, F64]:
-    """Accumulate JᵀWJ and −JᵀWr in blocks; arguments as for `huber_cost`.
 
     Returns:
-        A [N, 6, 6] and b [N, 6] of the poses (ω, t), C [P] and d [P] of the inverse depths, E [P, 6 N] between them.
+        The cost, px²; A [N, 6, 6] and b [N, 6] of the poses (ω, t), C [P] and d [P] of the inverse depths, E [P, 6 N]
+        between them.
     """
     views, count = seen.shape
     A, b = np.zeros((views, 6, 6)), np.zeros((views, 6))
     C, d, E = np.zeros(count), np.zeros(count), np.zeros((count, 6 * views))
     by_pose, by_depth, error = np.zeros((2, 6)), np.zeros(2), np.zeros(2)
+    cost = 0.0
     for i in range(views):
         for p in range(count):
             if not seen[i, p]:
@@ -66,6 +47,7 @@ def normal_blocks(
                 rotations[i], translations[i], rays[p], inverse_depth[p], seen_at[i, p], focal, by_pose, by_depth, error
             )
             distance = np.hypot(error[0], error[1])
+            cost += 0.5 * distance**2 if distance < huber else huber * (distance - 0.5 * huber)
             weight = 1.0 if distance < huber else huber / distance
             for k in range(2):
                 for m in range(6):
@@ -76,7 +58,7 @@ def normal_blocks(
                         A[i, m, n] += weighted * by_pose[k, n]
                 C[p] += weight * by_depth[k] ** 2
                 d[p] -= weight * by_depth[k] * error[k]
-    return A, b, C, d, E
+    return cost, A, b, C, d, E
 
 
 @helper(fastmath=EXACT)

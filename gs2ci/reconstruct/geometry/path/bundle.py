@@ -4,15 +4,13 @@ Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: 
 (`motion`), the judgement of the result (`paper.hierarchy`).
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.colmap import pycolmap
+from gs2ci.core.colmap import pycolmap, quietly
 from gs2ci.core.errors import GeometryError
 from gs2ci.reconstruct.geometry.path.motion import CameraMotion, rays
 from gs2ci.reconstruct.geometry.path.telemetry import place_points
@@ -21,9 +19,10 @@ from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 # A track with a larger error is wrong, not just inaccurate (the original's filter before its adjustment).
 OUTLIER_PX: Final = 8.0
 _CAMERA: Final = 1
-# An adjustment ends when its error falls by less than this share. In ten adjustments, two to three times as many
-# iterations moved the path by at most 1e-4 of its extent; noise moves it by 4e-3 and more.
-_SETTLED: Final = 1e-8
+# Sums over several threads differ in their last digits from run to run. An adjustment ends when its error falls by less
+# than this share: in ten adjustments, two to three times as many iterations moved the path by at most 1e-4 of its
+# extent; noise moves it by 4e-3 and more.
+_SOLVER: Final = {"num_threads": 1, "function_tolerance": 1e-8}
 
 
 @dataclass(frozen=True)
@@ -58,20 +57,16 @@ def adjust_bundle(
         raise GeometryError("the poses put every tracked point behind a camera")
     ratio = intrinsics[1, 1] / intrinsics[0, 0]
     model = _model(start, kept, intrinsics, ratio, ahead)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.refine_focal_length = refine_focal
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.HUBER
-    options.ceres.loss_function_scale = huber_px
-    # Sums over several threads differ in their last digits from run to run.
-    options.ceres.solver_options.num_threads = 1
-    options.ceres.solver_options.function_tolerance = _SETTLED
+    ceres = {"loss_function_type": "HUBER", "loss_function_scale": huber_px, "solver_options": _SOLVER}
+    options = pycolmap.BundleAdjustmentOptions(
+        {"print_summary": False, "refine_focal_length": refine_focal, "ceres": ceres}
+    )
     config = pycolmap.BundleAdjustmentConfig()
     seeing = [i for i in range(len(world_to_camera)) if kept.seen[ahead, i].any()]
     for i in seeing:
         config.add_image(i + 1)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    with _quietly():
+    with quietly():
         summary = pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     poses = start.world_to_camera.copy()
     for i in seeing:
@@ -84,17 +79,6 @@ def adjust_bundle(
     relative = poses @ np.linalg.inv(poses[tracks.reference])
     relative[tracks.reference] = np.eye(4)  # exact, without rounding errors
     return AdjustedBundle(relative, adjusted)
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Keep the solver's warnings about single steps off the terminal, since its result is checked here."""
-    level = pycolmap.logging.minloglevel
-    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
-    try:
-        yield
-    finally:
-        pycolmap.logging.minloglevel = level
 
 
 def _model(start: CameraMotion, tracks: Tracks, intrinsics: F64, ratio: float, chosen: Any) -> Any:

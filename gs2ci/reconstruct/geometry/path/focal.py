@@ -4,7 +4,6 @@ Here: the search and the gate that rejects an uncertain result. Not here: the ad
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -53,11 +52,11 @@ class FocalSettings:
 
 @dataclass(frozen=True)
 class Focal:
-    """A camera matrix, where its focal length came from, and the finding that says so."""
+    """A camera matrix, [3, 3], its source ("file", "estimated" or "default"), and the findings about it."""
 
     intrinsics: F64
-    source: Literal["estimated", "default"]
-    note: Finding
+    source: str
+    notes: tuple[Finding, ...] = ()
 
 
 def focal_from_view_angle(angle_deg: float, width: int) -> float:
@@ -69,7 +68,7 @@ def default_focal(size: tuple[int, int], why: str, settings: FocalSettings) -> F
     """Return the default field of view and the reason for it."""
     note = finding(Code.FOCAL_ASSUMED, why=why, view_angle_deg=settings.default_deg)
     focal_px = focal_from_view_angle(settings.default_deg, size[1])
-    return Focal(pinhole(focal_px, size), "default", note)
+    return Focal(pinhole(focal_px, size), "default", (note,))
 
 
 def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSettings, motion: MotionSettings) -> Focal:
@@ -119,7 +118,7 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
     focal_px = float(np.exp(finest.x))
     angle_deg = float(np.degrees(2 * np.arctan(0.5 * size[1] / focal_px)))
     note = finding(Code.FOCAL_ESTIMATED, focal_px=focal_px, spread=spread, view_angle_deg=angle_deg)
-    return Focal(pinhole(focal_px, size), "estimated", note)
+    return Focal(pinhole(focal_px, size), "estimated", (note,))
 
 
 def _spread(values: F64, surprises: F64) -> float:

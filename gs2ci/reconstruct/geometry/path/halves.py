@@ -21,11 +21,11 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, I64, Bool
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError
-from gs2ci.reconstruct.geometry.path.motion import CameraMotion, MotionSettings, adjust, wander_px
+from gs2ci.reconstruct.geometry.path.motion import USUAL_MOTION, CameraMotion, MotionSettings, adjust, wander_px
 from gs2ci.reconstruct.geometry.path.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
@@ -43,8 +43,7 @@ def expected_path_error(
     tracks: Tracks,
     intrinsics: F64,
     size: tuple[int, int],
-    settings: MotionSettings | None = None,
-    seed: int = 0,
+    settings: MotionSettings = USUAL_MOTION,
 ) -> float | None:
     """Estimate the error of a path that was adjusted to tracks, from the paths of halves of the tracks.
 
@@ -57,7 +56,6 @@ def expected_path_error(
         intrinsics: Camera matrix in px, [3, 3].
         size: Height and width of the views, px.
         settings: How to adjust.
-        seed: Of the halvings.
 
     Returns:
         Root mean square over halves and views of the distance between camera centres after a similarity, as a share
@@ -66,14 +64,14 @@ def expected_path_error(
         in place.
     """
     placed = tracks.seen.any(axis=0)
-    path = camera_centres(motion)[placed]
+    path = camera_centres(motion.world_to_camera)[placed]
     if len(path) < LEAST_VIEWS:
         return None
 
     def again(half: Bool) -> F64:
         return _found_again(motion, tracks, half, intrinsics, settings)[placed]
 
-    return error_from_halves(path, _cells(tracks, size), again, seed)
+    return error_from_halves(path, cells(tracks, size), again)
 
 
 def times_better_foretold(
@@ -82,8 +80,7 @@ def times_better_foretold(
     tracks: Tracks,
     intrinsics: F64,
     size: tuple[int, int],
-    settings: MotionSettings | None = None,
-    seed: int = 0,
+    settings: MotionSettings = USUAL_MOTION,
 ) -> float:
     """Compare what given poses leave of tracks with what poses leave that were adjusted to the other half of them.
 
@@ -97,14 +94,13 @@ def times_better_foretold(
         intrinsics: Camera matrix in px, [3, 3].
         size: Height and width of the views, px.
         settings: How to adjust.
-        seed: Of the halvings.
 
     Returns:
         Root mean square variation of errors along a half's tracks under the given poses, as a multiple of that under
         poses adjusted to the other half, median over halves: up to about 1 for exact poses. 0 if no half tells.
     """
-    settings, squares = settings or MotionSettings(), []
-    for half in _halves(_cells(tracks, size), seed):
+    squares = []
+    for half in _halves(cells(tracks, size)):
         if not (half.any() and (~half).any()):
             continue
         start = replace(adjusted, inverse_depth=adjusted.inverse_depth[half])
@@ -115,14 +111,13 @@ def times_better_foretold(
     return float(np.sqrt(np.median(squares))) if squares else 0.0
 
 
-def error_from_halves(path: F64, group: NDArray[np.int64], again: Callable[[Bool], F64], seed: int = 0) -> float | None:
+def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> float | None:
     """Return the root mean square distance of the paths of halves from that of all, as a share of its extent.
 
     Args:
         path: Camera centres, [N, 3].
         group: Of each observation, [P]: a half has whole groups.
         again: Estimates the camera centres, [N, 3], from some of the observations, [P].
-        seed: Of the halvings.
 
     Returns:
         The share; None if the camera stays in place.
@@ -130,14 +125,8 @@ def error_from_halves(path: F64, group: NDArray[np.int64], again: Callable[[Bool
     extent = float(np.linalg.norm(np.ptp(path, axis=0)))
     if extent == 0:
         return None
-    squares = [squared_distance(again(half), path) for half in _halves(group, seed)]
+    squares = [squared_distance(again(half), path) for half in _halves(group)]
     return float(np.sqrt(np.mean(squares))) / extent
-
-
-def camera_centres(motion: CameraMotion) -> F64:
-    """Get the camera centres in the reference view's axes, [N, 3]."""
-    centres: F64 = -np.einsum("nji,nj->ni", motion.rotations, motion.translations)
-    return centres
 
 
 def squared_distance(centres: F64, path: F64) -> float:
@@ -156,9 +145,9 @@ def squared_distance(centres: F64, path: F64) -> float:
     return max(whole - float(values.sum()) ** 2 / spread, 0.0) / len(path)
 
 
-def _halves(group: NDArray[np.int64], seed: int) -> Iterator[Bool]:
+def _halves(group: I64) -> Iterator[Bool]:
     """Yield each halving's two halves of the observations, [P], of whole groups [P]."""
-    groups, rng = np.unique(group), np.random.default_rng(seed)
+    groups, rng = np.unique(group), np.random.default_rng(0)
     for _ in range(HALVINGS):
         first = np.isin(group, rng.permutation(groups)[: len(groups) // 2])
         yield first
@@ -174,15 +163,13 @@ def _left(motion: CameraMotion, tracks: Tracks, intrinsics: F64, settings: Motio
     return wander_px(placed.errors_px, unknowns=1) ** 2
 
 
-def _cells(tracks: Tracks, size: tuple[int, int]) -> NDArray[np.int64]:
+def cells(tracks: Tracks, size: tuple[int, int]) -> I64:
     """Number the cell of the reference view that each track starts in, [P]."""
     column, row = (tracks.positions[:, tracks.reference] / (size[1], size[0]) * CELLS).astype(np.int64).T
     return np.asarray(row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1))
 
 
-def _found_again(
-    motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings | None
-) -> F64:
+def _found_again(motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings) -> F64:
     """Estimate camera centres from some of the tracks, [N, 3], starting from the path of all tracks.
 
     A view that none of them reaches keeps its centre.
@@ -190,4 +177,4 @@ def _found_again(
     if not chosen.any():
         return np.zeros_like(motion.translations)
     start = replace(motion, inverse_depth=motion.inverse_depth[chosen])
-    return camera_centres(adjust(tracks.keep(chosen), intrinsics, settings, start))
+    return camera_centres(adjust(tracks.keep(chosen), intrinsics, settings, start).world_to_camera)

@@ -13,6 +13,7 @@ which removes two of its three unknowns:
 """
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ from gs2ci.reconstruct.geometry.path.adjustment_kernels import (
     LEAST_RELATIVE_DEPTH,
     depth_steps,
     eliminate_depths,
-    huber_cost,
     normal_blocks,
 )
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
@@ -53,6 +53,9 @@ class MotionSettings:
     huber_px: float = 1.0
     outlier_px: float = 3.0
     tolerance: float = 1e-6
+
+
+USUAL_MOTION: Final = MotionSettings()
 
 
 @dataclass(frozen=True)
@@ -221,7 +224,7 @@ def residuals(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64]:
 
 
 def adjust(
-    tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None, start: CameraMotion | None = None
+    tracks: Tracks, intrinsics: F64, settings: MotionSettings = USUAL_MOTION, start: CameraMotion | None = None
 ) -> CameraMotion:
     """Find the poses and inverse depths that explain all tracks best.
 
@@ -237,23 +240,19 @@ def adjust(
     Levenberg-Marquardt on re-weighted least squares, inverse depths eliminated by the Schur complement. The scale of
     the scene is free; the damping keeps it bounded.
     """
-    settings = settings or MotionSettings()
-    sightings = Sightings.of(tracks, intrinsics)
-    motion = start or start_motion(sightings)
-    motion = _with_cost(motion, sightings, settings.huber_px)
-    damping = _DAMPING_START
+    sightings, damping = Sightings.of(tracks, intrinsics), _DAMPING_START
+    here = _NormalEquations.at(start or start_motion(sightings), sightings, settings.huber_px)
     for _ in range(settings.iterations):
-        system = _NormalEquations.at(motion, sightings, settings.huber_px)
-        before = motion.cost
+        before = here.cost
         while damping < _DAMPING_MOST:
-            trial = _with_cost(system.step(motion, damping), sightings, settings.huber_px)
-            if trial.cost < motion.cost:
-                motion, damping = trial, max(damping / 3, _DAMPING_LEAST)
+            trial = _NormalEquations.at(here.step(damping), sightings, settings.huber_px)
+            if trial.cost < here.cost:
+                here, damping = trial, max(damping / 3, _DAMPING_LEAST)
                 break
             damping *= 4
-        if before - motion.cost <= settings.tolerance * before:
+        if before - here.cost <= settings.tolerance * before:
             break
-    return with_errors(motion, sightings)
+    return with_errors(replace(here.motion, cost=here.cost), sightings)
 
 
 def reversed_depth(motion: CameraMotion) -> CameraMotion:
@@ -263,17 +262,25 @@ def reversed_depth(motion: CameraMotion) -> CameraMotion:
     difference: f (ω + t ρ) = f (ω + c t − t (c − ρ)) to first order (the Necker reversal).
     """
     c = 2 * float(np.median(motion.inverse_depth))
-    tx, ty = motion.translations[:, 0], motion.translations[:, 1]
-    turn = Rotation.from_rotvec(c * np.stack([-ty, tx, np.zeros_like(tx)], axis=1))
+    poses = reversed_poses(motion.world_to_camera, c)
     return replace(
         motion,
-        rotations=turn.as_matrix() @ motion.rotations,
-        translations=-motion.translations,
+        rotations=poses[:, :3, :3],
+        translations=poses[:, :3, 3],
         inverse_depth=np.clip(c - motion.inverse_depth, *INVERSE_DEPTH_RANGE),
     )
 
 
-def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> CameraMotion:
+def reversed_poses(world_to_camera: F64, c: float) -> F64:
+    """Return the path, [N, 4, 4], from which inverse depths c − ρ move in the picture as ρ do from the given path."""
+    poses, t = world_to_camera.copy(), world_to_camera[:, :3, 3]
+    turns = Rotation.from_rotvec(c * np.stack([-t[:, 1], t[:, 0], np.zeros(len(t))], axis=1)).as_matrix()
+    poses[:, :3, :3] = turns @ poses[:, :3, :3]
+    poses[:, :3, 3] = -t
+    return poses
+
+
+def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings = USUAL_MOTION) -> CameraMotion:
     """Adjust from a still camera, then from the depth-reversed result, and keep the better; arguments as for `adjust`.
 
     The cost has a minimum near each; a flat start may lead to the wrong one.
@@ -314,7 +321,7 @@ def _costs(motion: CameraMotion, huber_px: float) -> F64:
 
 
 def estimate_motion(
-    tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None
+    tracks: Tracks, intrinsics: F64, settings: MotionSettings = USUAL_MOTION
 ) -> tuple[CameraMotion, Tracks]:
     """Adjust, drop the tracks that the motion does not explain, and adjust to the rest again.
 
@@ -326,16 +333,19 @@ def estimate_motion(
     Returns:
         The motion and the tracks that it explains, with inverse depths of median 1.
     """
-    settings = settings or MotionSettings()
     first = adjust_both_ways(tracks, intrinsics, settings)
     explained = np.nanmax(first.residuals_px, axis=1, initial=0) < settings.outlier_px
     if not explained.any():
         return first, tracks
     kept = tracks.keep(explained)
     motion = adjust_both_ways(kept, intrinsics, settings)
+    return at_unit_depth(motion), kept
+
+
+def at_unit_depth(motion: CameraMotion) -> CameraMotion:
+    """Return the motion at the scale at which the median of the inverse depths is 1."""
     scale = float(np.median(motion.inverse_depth))
-    scaled = replace(motion, translations=motion.translations * scale, inverse_depth=motion.inverse_depth / scale)
-    return scaled, kept
+    return replace(motion, translations=motion.translations * scale, inverse_depth=motion.inverse_depth / scale)
 
 
 def with_errors(motion: CameraMotion, sightings: Sightings) -> CameraMotion:
@@ -348,15 +358,11 @@ def with_errors(motion: CameraMotion, sightings: Sightings) -> CameraMotion:
     )
 
 
-def _with_cost(motion: CameraMotion, sightings: Sightings, huber_px: float) -> CameraMotion:
-    return replace(motion, cost=huber_cost(*_arguments(motion, sightings), huber_px))
-
-
-def _arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
+def arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
     """Return the arguments in the order of the kernels."""
     return (
         np.ascontiguousarray(motion.rotations),
-        motion.translations,
+        np.ascontiguousarray(motion.translations),
         motion.inverse_depth,
         sightings.rays,
         sightings.seen_at,
@@ -367,8 +373,10 @@ def _arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F6
 
 @dataclass(frozen=True)
 class _NormalEquations:
-    """JᵀWJ and −JᵀWr in blocks: A for poses, C for inverse depths, E between them."""
+    """A motion, its cost, and JᵀWJ and −JᵀWr there in blocks: A for poses, C for inverse depths, E between them."""
 
+    motion: CameraMotion
+    cost: float
     A: F64  # [N, 6, 6]
     b: F64  # [N, 6]
     C: F64  # [P]
@@ -378,11 +386,11 @@ class _NormalEquations:
 
     @classmethod
     def at(cls, motion: CameraMotion, sightings: Sightings, huber_px: float) -> "_NormalEquations":
-        A, b, C, d, E = normal_blocks(*_arguments(motion, sightings), huber_px)
-        moving = np.flatnonzero(np.arange(6 * len(A)) // 6 != sightings.reference)
-        return cls(A, b, C, d, E, moving)
+        cost, A, b, C, d, E = normal_blocks(*arguments(motion, sightings), huber_px)
+        moving = np.flatnonzero(np.arange(6 * len(motion.rotations)) // 6 != sightings.reference)
+        return cls(motion, cost, A, b, C, d, E, moving)
 
-    def step(self, motion: CameraMotion, damping: float) -> CameraMotion:
+    def step(self, damping: float) -> CameraMotion:
         """Solve with damping and move; inverse depths stay within their range."""
         diagonal = np.einsum("nii->ni", self.A)
         A = self.A + (damping * diagonal + REGULAR)[..., None] * np.eye(6)
@@ -391,6 +399,7 @@ class _NormalEquations:
         pose_step = np.zeros(len(right))
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])
         depth_step = depth_steps(C, self.d, self.E, pose_step)
+        motion = self.motion
         turn, shift = np.split(pose_step.reshape(-1, 6), 2, axis=1)
         return replace(
             motion,

@@ -30,7 +30,7 @@ detect an error of this size (`python -m tests.benchmarks given_poses`)."""
 # Standard error of a given orientation, px: a turn that moves the picture by less is not visible.
 _TURN_PX: Final = 0.1
 # Least error of a position: the resolution of float32 for depths of about 1.
-_LEAST_ERROR: Final = 1e-7
+_LEAST_ERROR: Final = float(np.finfo(np.float32).eps)
 # If tracks contradict given poses, their standard errors are larger by this factor.
 _CONTRADICTED: Final = 5.0
 _PASSES: Final = 5  # re-weighted least squares on a nearly linear problem settles in three

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import Bool
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.geometry.kinds import Verdict
+from gs2ci.reconstruct.geometry.path.halves import CELLS, cells
 from gs2ci.reconstruct.geometry.path.motion import CameraMotion, wander_px
 from gs2ci.reconstruct.geometry.path.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
@@ -97,8 +98,7 @@ def supported_views(tracks: Tracks, criteria: Criteria) -> Bool:
 
 def coverage(tracks: Tracks, size: tuple[int, int]) -> float:
     """Get the share of an 8x8 grid over the reference view that holds a track."""
-    cells = (tracks.positions[:, tracks.reference] / (size[1], size[0]) * 8).astype(int).clip(0, 7)
-    return len(np.unique(cells, axis=0)) / 64 if len(cells) else 0.0
+    return len(np.unique(cells(tracks, size))) / CELLS**2
 
 
 def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteria) -> tuple[Finding, ...]:

@@ -20,11 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import reduced, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import features_of, reduced, sweep, sweep_features
 from gs2ci.reconstruct.geometry.evidence import Evidence
-from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, flat_geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
+from gs2ci.reconstruct.geometry.path.focal import Focal
 from gs2ci.reconstruct.geometry.prior import Request
 
 # Tried shifts of the nearest plane between the middle view and the farthest, as shares of the picture's longer side:
@@ -35,8 +35,7 @@ _NEAREST_AT_FIRST: Final = (0.04, 0.16)
 # (`python -m tests.benchmarks direct`).
 _CLEARLY: Final = 0.98
 # Paths are compared by rough depth maps of so many planes, pixels and views, at so many pixels of the measurement.
-_ROUGH_PLANES: Final = 20
-_ROUGH_PIXELS: Final = 2_500
+_ROUGH: Final = {"planes": 20, "most_pixels": 2_500}
 _ROUGH_VIEWS: Final = 7
 _ASKED_PIXELS: Final = 6_000
 # Starting directions of the search: eight sideways, forwards and backwards.
@@ -48,7 +47,7 @@ _DIRECTIONS: Final = (
 # First steps of the search: of the direction, and of the turn, in which 1 shifts the picture by its longer side.
 _DIRECTION_STEP: Final = 0.4
 _TURN_STEP: Final = 0.03
-_MOST_TRIALS: Final = 100
+MOST_TRIALS: Final = 100
 # The search ends when steps change neither the motion nor its residual by more than this.
 _SETTLED: Final = 1e-3
 
@@ -67,8 +66,14 @@ class Direct:
         self._at_rest = at_rest(found)
         self._evidence = Evidence(request.shot, request.views, request.lens, _ASKED_PIXELS)
         spread = np.linspace(0, views - 1, min(views, _ROUGH_VIEWS)).round().astype(int)
-        self._looked_at = np.union1d(spread, [reference])
-        self._small = reduced(request.views[self._looked_at], _ROUGH_PIXELS)
+        looked_at = np.union1d(spread, [reference])
+        small = reduced(request.views[looked_at], _ROUGH["most_pixels"])
+        self._shrink = np.array([small.shape[2] / request.size[1], small.shape[1] / request.size[0], 1.0])
+        self._others = looked_at[looked_at != reference]
+        # The middle view first.
+        order = np.argsort(looked_at != reference, kind="stable")
+        self._rough = replace(request.settings.sweep, **_ROUGH)
+        self._features = features_of(small[order], self._rough.blur_px)
         # If the farthest view of a path is this far from the middle one, a plane at inverse depth ρ shifts by ρ times
         # the picture's longer side.
         self._reach = max(request.size) / float(found.intrinsics[0, 0])
@@ -105,10 +110,11 @@ class Direct:
         there, near = first[way]
         back, _ = self._best(self._motion(-np.array(way)), _NEAREST_AT_FIRST)
         turn, turned = self._turned()
-        motion, left = self._refined(np.array(way), near)
-        if there < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
-            found = self._swept(motion, self._best(motion, _NEAREST)[1])
-            return replace(found, path_notes=(finding(Code.UNIFORM_MOTION, share=left / self._still),))
+        if there < _CLEARLY * back:
+            motion, left = self._refined(np.array(way), near)
+            if left < _CLEARLY * min(self._still, turned):
+                found = self._swept(motion, self._best(motion, _NEAREST)[1])
+                return replace(found, path_notes=(finding(Code.UNIFORM_MOTION, share=left / self._still),))
         if turned < _CLEARLY * self._still:
             only_turned = replace(
                 self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict=Verdict.ROTATION_ONLY
@@ -145,7 +151,7 @@ class Direct:
             method="Nelder-Mead",
             options={
                 "initial_simplex": simplex,
-                "maxfev": _MOST_TRIALS,
+                "maxfev": MOST_TRIALS,
                 "xatol": _SETTLED,
                 "fatol": _SETTLED * self._still,
             },
@@ -173,20 +179,16 @@ class Direct:
 
     def _left(self, poses: F64, near: float) -> float:
         """Return the residual of poses with a rough map of their depths."""
-        looked_at, (height, width) = self._looked_at, self._request.size
-        scale = np.array([self._small.shape[2] / width, self._small.shape[1] / height, 1.0])
-        settings = replace(self._request.settings.sweep, planes=_ROUGH_PLANES)
-        reference = int(np.searchsorted(looked_at, self._at_rest.reference))
-        intrinsics = scale[:, None] * self._at_rest.intrinsics
-        rough = sweep(self._small, poses[looked_at], intrinsics, reference, self._span(near), settings)
-        depth: F32 = cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR)
+        intrinsics = self._shrink[:, None] * self._at_rest.intrinsics
+        rough = sweep_features(self._features, poses[self._others], intrinsics, self._span(near), self._rough)
+        depth: F32 = cv2.resize(rough, self._request.size[::-1], interpolation=cv2.INTER_LINEAR)
         return self._evidence.left(replace(self._at_rest, world_to_camera=poses, inverse_depth=depth))
 
     def _swept(self, poses: F64, near: float) -> Geometry:
         """Sweep depth finely, and scale its median to 1, as with tracks."""
         request, still = self._request, self._at_rest
         span, settings = self._span(near), request.settings.sweep
-        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings)
+        depth = sweep(request.views, poses, still.intrinsics, still.reference, span, settings)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median
@@ -198,25 +200,10 @@ class Direct:
 
 def at_rest(found: Geometry) -> Geometry:
     """Return a camera at rest in front of a plane: the geometry without its motion, its depth and the notes on them."""
-    return replace(
-        found,
-        world_to_camera=np.tile(np.eye(4), (len(found.world_to_camera), 1, 1)),
-        inverse_depth=np.ones_like(found.inverse_depth),
-        tracks=0,
-        reprojection_rms_px=0.0,
-        parallax_px=0.0,
-        verdict=Verdict.UNSUPPORTED,
-        notes=tuple(note for note in found.notes if note != PLANE_NOTE),
-        path_error_expected=None,
-        unit=None,
-        order_errors=None,
-        other_order=None,
-        joined=0,
-        path_notes=(),
-        pose_errors=None,
-        order_given=False,
-        view_depths=(),
-    )
+    notes = tuple(note for note in found.notes if note != PLANE_NOTE)
+    camera, (height, width) = Focal(found.intrinsics, found.focal_source, notes), found.inverse_depth.shape
+    flat = flat_geometry(len(found.world_to_camera), (height, width), camera)
+    return replace(flat, reference=found.reference, source=found.source)
 
 
 def _reversed(poses: F64) -> F64:

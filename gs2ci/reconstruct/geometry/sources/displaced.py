@@ -28,15 +28,14 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range
+from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, error_from_halves
 from gs2ci.reconstruct.geometry.path.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources.direct import at_rest
+from gs2ci.reconstruct.geometry.sources.direct import MOST_TRIALS, at_rest
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
 from gs2ci.reconstruct.measurement.lens import straightened
 
@@ -61,7 +60,8 @@ _MOST_OFF: Final = 3.6
 _LEAST_PARALLAX: Final = 1.75
 # Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
 _TURN_PX: Final = 100.0
-_MOST_TRIALS: Final = 100
+# Step of finite differences, as a share of a parameter above 1.
+_DIFFERENCE: Final = float(np.finfo(np.float64).eps) ** 0.5
 # What tracks say of the motion no longer holds.
 _OVERRULED: Final = (Code.CAMERA_STOOD_STILL, Code.CAMERA_ONLY_TURNED, Code.PARALLAX_MAY_DROWN, Code.PATH_UNCERTAIN)
 
@@ -139,15 +139,20 @@ class DisplacedBlocks:
         """Search for some of the moves, [F, 6], near a start, and keep the others."""
 
         def moves(found: F64) -> F64:
-            all_moves = start.copy()
-            all_moves[free] = found.reshape(start[free].shape)
+            all_moves = np.tile(start, (*found.shape[:-1], 1, 1))
+            all_moves[(..., *free)] = found.reshape(*found.shape[:-1], *start[free].shape)
             return all_moves
 
         def errors(found: F64) -> F64:
             return self._errors(moves(found))[0]
 
-        found = moves(least_squares(errors, start[free].ravel(), max_nfev=_MOST_TRIALS, x_scale="jac").x)
-        return BlockMotion(found, *self._errors(found)[1:])
+        def slopes(found: F64) -> F64:
+            # By finite differences, as SciPy takes them, but all at once.
+            moved = found + np.diag(_DIFFERENCE * np.where(found < 0, -1, 1) * np.maximum(1, np.abs(found)))
+            return ((errors(moved) - errors(found)) / (moved - found).sum(axis=1, keepdims=True)).T
+
+        found = least_squares(errors, start[free].ravel(), slopes, max_nfev=MOST_TRIALS, x_scale="jac").x
+        return BlockMotion(moves(found), *self._errors(moves(found))[1:])
 
     def _starts(self) -> list[F64]:
         """Return moves to start from, [F, 6] each: pure travel, and travel along the largest parallax, both ways."""
@@ -180,9 +185,9 @@ class DisplacedBlocks:
         return found[: size[0], : size[1]]
 
     def _along(self, moves: F64) -> F64:
-        """Return whitened displacements by travel at an inverse depth of 1, [B, 2 F]."""
-        travelled = np.einsum("bij,fj->bfi", self._travels, moves[:, :3]).reshape(len(self._slopes), -1)
-        along: F64 = np.einsum("bij,bj->bi", self._whiten, travelled)
+        """Return whitened displacements by travel at an inverse depth of 1, [..., B, 2 F]."""
+        travelled = np.einsum("bij,...fj->...bfi", self._travels, moves[..., :3])
+        along: F64 = np.einsum("bij,...bj->...bi", self._whiten, travelled.reshape(*travelled.shape[:-2], -1))
         return along
 
     def _start(self, travel_px: F64, turn_px: F64) -> F64:
@@ -193,20 +198,26 @@ class DisplacedBlocks:
         return moves
 
     def _errors(self, moves: F64) -> tuple[F64, F64, F64]:
-        """Return what moves, [F, 6], are off by: errors to be squared and added, and inverse depths and costs, [B]."""
-        count = len(self._slopes)
-        turned = np.einsum("bij,fj->bfi", self._turns, moves[:, 3:]).reshape(count, -1)
-        left = np.einsum("bij,bj->bi", self._whiten, self.displaced.px - turned)
+        """Return what moves, [..., F, 6], are off by.
+
+        Returns:
+            Errors to be squared and added, [..., E]; inverse depths and costs, [..., B].
+        """
+        turned = np.einsum("bij,...fj->...bfi", self._turns, moves[..., 3:])
+        turned = turned.reshape(*turned.shape[:-2], -1)
+        left = np.einsum("bij,...bj->...bi", self._whiten, self.displaced.px - turned)
         along = self._along(moves)
         tight = 1 / _DEPTH_SPREAD**2
-        depth = ((along * left).sum(axis=1) + tight) / ((along**2).sum(axis=1) + tight)
+        depth = ((along * left).sum(axis=-1) + tight) / ((along**2).sum(axis=-1) + tight)
         depth = np.clip(depth, *_DEPTH_RANGE)
-        errors = np.concatenate([left - depth[:, None] * along, (depth - 1)[:, None] / _DEPTH_SPREAD], axis=1)
-        off = (errors**2).sum(axis=1)
+        from_mean = (depth - 1)[..., None] / _DEPTH_SPREAD
+        errors = np.concatenate([left - depth[..., None] * along, from_mean], axis=-1)
+        off = (errors**2).sum(axis=-1)
         robust = 2 * _OUTLIER**2 * (np.sqrt(1 + off / _OUTLIER**2) - 1)
-        weighted = errors * np.sqrt(robust / np.maximum(off, np.finfo(np.float64).tiny))[:, None]
-        loose = moves[:, 3:] * self._focal_px.mean() / _TURN_PX
-        return np.concatenate([weighted.ravel(), loose.ravel()]), depth, robust
+        weighted = errors * np.sqrt(robust / np.maximum(off, np.finfo(np.float64).tiny))[..., None]
+        loose = moves[..., 3:] * self._focal_px.mean() / _TURN_PX
+        lead = moves.shape[:-2]
+        return np.concatenate([weighted.reshape(*lead, -1), loose.reshape(*lead, -1)], axis=-1), depth, robust
 
 
 def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
@@ -306,7 +317,7 @@ def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, m
     settings = request.settings.sweep
     poses = _poses(motion.moves, blocks.displaced.over_time, geometry.reference)
     span = inverse_depth_range(motion.inverse_depth, settings)
-    swept = surface_map(request.views, poses, geometry.intrinsics, geometry.reference, span, settings)
+    swept = sweep(request.views, poses, geometry.intrinsics, geometry.reference, span, settings)
     coarse = straightened(blocks.depth_map(motion, request.shot.size)[None, ..., None], request.lens)[0, ..., 0]
     depth = 0.5 * (swept + coarse)
     median = float(np.median(depth))

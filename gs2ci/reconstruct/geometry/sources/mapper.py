@@ -13,8 +13,7 @@ Here: the scenes and their expected error. Not here: features and their matches 
 
 import math
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,37 +21,59 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres
-from gs2ci.core.colmap import pycolmap
-from gs2ci.reconstruct.geometry.path.halves import HALVINGS, squared_distance
+from gs2ci.core.colmap import pycolmap, quietly
+from gs2ci.reconstruct.geometry.path.halves import error_from_halves, squared_distance
 from gs2ci.reconstruct.threads import in_threads
 
-# For a pair: fewest matches that its essential matrix confirms, and their largest error. Decoded photographs 15° apart,
-# in which a third of the matches are right, keep 15 to 30.
+# Fewest matches of a pair that its essential matrix confirms. Decoded photographs 15° apart, in which a third of the
+# matches are right, keep 15 to 30.
 LEAST_MATCHES: Final = 15
 """Fewest matches of a pair of views that are used."""
-_MATCH_PX: Final = 2.0
 # A pair needs `LEAST_MATCHES` right matches. So many trials find as many among all its matches with this probability; a
 # pair with fewer is not used, however long they are sought. The larger of the models that are tried takes so many.
 _FOUND: Final = 0.9999
 _OF_A_MODEL: Final = 7
-# For the scene: fewest points that a view needs to join, and largest errors and least angles of its points.
-_LEAST_POINTS_TO_JOIN: Final = 12
-_LEAST_TO_BEGIN: Final = 30
-_JOIN_PX: Final = 4.0
-_POINT_PX: Final = 3.0
-_LEAST_ANGLE_TO_BEGIN_DEG: Final = 2.0
-_LEAST_ANGLE_DEG: Final = 0.5
+# Sums over several threads differ in their last digits from run to run.
+_REPEATABLE: Final = {"random_seed": 0, "num_threads": 1}
+# Errors in px, angles in degrees. A pair that begins no scene would be tried again and again, for minutes. And a view
+# that sees too few points could be placed by its matches with single views: it took half a minute, and all eight paths
+# of a set of photographs that were completed in this way were wrong.
+_GROWING: Final = {
+    **_REPEATABLE,
+    "min_num_matches": LEAST_MATCHES,
+    "multiple_models": False,
+    "extract_colors": False,
+    "init_num_trials": 1,
+    "ba_refine_focal_length": False,
+    "ba_refine_extra_params": False,
+    "structure_less_registration_fallback": False,
+    "mapper": {
+        "init_min_num_inliers": 30,
+        "init_min_tri_angle": 2.0,
+        "init_max_error": 3.0,
+        "abs_pose_min_num_inliers": 12,
+        "abs_pose_max_error": 4.0,
+        "filter_max_reproj_error": 3.0,
+        "filter_min_tri_angle": 0.5,
+    },
+    "triangulation": {"min_angle": 0.5, "complete_max_reproj_error": 3.0, "merge_max_reproj_error": 3.0},
+}
+# An adjustment ends when its error falls by less than this share.
+_ADJUSTING: Final = {
+    "refine_focal_length": False,
+    "refine_principal_point": False,
+    "refine_extra_params": False,
+    "print_summary": False,
+    "ceres": {"solver_options": {"num_threads": 1, "function_tolerance": 1e-6}},
+}
 # Scenes are grown from so many pairs. In two of three sets of photographs the strongest pair led to a wrong path; the
 # right one was found from one of the five strongest.
 _MOST_STARTS: Final = 12
 # Scenes that explain at least this share of the best one's matches are its rivals: wrong paths explained up to 98 % of
 # them in two sets of photographs, and up to 68 % in a third.
 _RIVALS: Final = 0.97
-# An adjustment ends when its error falls by less than this share.
-_ADJUSTED: Final = 1e-6
-_SEED: Final = 0
 
 Pairs = Mapping[tuple[int, int], np.ndarray[Any, np.dtype[np.uint32]]]
 """For pairs of views, the indices of features that match, [M, 2]."""
@@ -90,7 +111,7 @@ def grown_scene(
     Returns:
         The scene, None if no scene was joined by every view; and the largest number of views that joined one.
     """
-    with TemporaryDirectory() as folder, _quietly():
+    with TemporaryDirectory() as folder, quietly():
         database = Path(folder) / "features.db"
         ids, confirmed = _write(database, places, pairs, intrinsics, size)
         strongest = sorted(confirmed, key=lambda pair: -confirmed[pair])[:_MOST_STARTS]
@@ -144,8 +165,9 @@ def _write(
 
 def _confirming(matches: int) -> Any:
     """Return the options with which a pair's matches are confirmed."""
-    options = pycolmap.TwoViewGeometryOptions()
-    options.min_num_inliers, options.ransac.max_error, options.ransac.random_seed = LEAST_MATCHES, _MATCH_PX, _SEED
+    options = pycolmap.TwoViewGeometryOptions(
+        {"min_num_inliers": LEAST_MATCHES, "ransac": {"max_error": 2.0, "random_seed": _REPEATABLE["random_seed"]}}
+    )
     options.ransac.max_num_trials = min(options.ransac.max_num_trials, _trials(matches))
     options.ransac.min_num_trials = min(options.ransac.min_num_trials, options.ransac.max_num_trials)
     return options
@@ -159,22 +181,7 @@ def _trials(matches: int) -> int:
 
 def _grown(database: Path, first: int, second: int) -> Any | None:
     """Grow a scene from two images; None if they do not begin one."""
-    options = pycolmap.IncrementalPipelineOptions()
-    options.min_num_matches, options.multiple_models, options.extract_colors = LEAST_MATCHES, False, False
-    # A pair that begins no scene would be tried again and again, for minutes.
-    options.init_image_id1, options.init_image_id2, options.init_num_trials = first, second, 1
-    # Sums over several threads differ in their last digits from run to run.
-    options.num_threads, options.random_seed = 1, _SEED
-    options.ba_refine_focal_length = options.ba_refine_extra_params = False
-    # A view that sees too few points could be placed by its matches with single views. It took half a minute, and all
-    # eight paths of a set of photographs that were completed in this way were wrong.
-    options.structure_less_registration_fallback = False
-    mapper = options.mapper
-    mapper.init_min_num_inliers, mapper.init_min_tri_angle = _LEAST_TO_BEGIN, _LEAST_ANGLE_TO_BEGIN_DEG
-    mapper.abs_pose_min_num_inliers, mapper.abs_pose_max_error = _LEAST_POINTS_TO_JOIN, _JOIN_PX
-    mapper.init_max_error = mapper.filter_max_reproj_error = _POINT_PX
-    mapper.filter_min_tri_angle = options.triangulation.min_angle = _LEAST_ANGLE_DEG
-    options.triangulation.complete_max_reproj_error = options.triangulation.merge_max_reproj_error = _POINT_PX
+    options = pycolmap.IncrementalPipelineOptions({**_GROWING, "init_image_id1": first, "init_image_id2": second})
     with TemporaryDirectory() as folder:
         # A database that one thread opens is locked for the others.
         own = Path(shutil.copy(database, folder))
@@ -191,10 +198,17 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
     """Return the scene of a model, with its path's expected error; the others explain at most as much."""
     poses = _poses(model, views)
     path = camera_centres(poses)
-    extent = float(np.linalg.norm(np.ptp(path, axis=0)))
-    rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
-    squares = [squared_distance(camera_centres(_poses(rival, views)), path) for rival in rivals]
-    error = None if extent == 0 else max(_squared_error(model, path), *squares, 0.0) ** 0.5 / extent
+    numbers = np.array(sorted(model.points3D))
+
+    def without(half: Bool) -> F64:
+        return camera_centres(_poses(_adjusted_without(model, numbers[half].tolist()), views))
+
+    error = error_from_halves(path, np.arange(len(numbers)), without)
+    if error is not None:
+        extent = float(np.linalg.norm(np.ptp(path, axis=0)))
+        rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
+        apart = [squared_distance(camera_centres(_poses(rival, views)), path) ** 0.5 / extent for rival in rivals]
+        error = max(error, *apart, 0.0)
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), error)
 
@@ -206,38 +220,13 @@ def _poses(model: Any, views: int) -> F64:
     return poses
 
 
-def _squared_error(model: Any, path: F64) -> float:
-    """Return the mean squared distance of the paths of halves of a model's points from the path of all, [N, 3]."""
-    numbers, rng, squares = np.array(sorted(model.points3D)), np.random.default_rng(_SEED), []
-    for _ in range(HALVINGS):
-        for half in np.array_split(rng.permutation(numbers), 2):
-            adjusted = camera_centres(_poses(_adjusted_without(model, half.tolist()), len(path)))
-            squares.append(squared_distance(adjusted, path))
-    return float(np.mean(squares))
-
-
 def _adjusted_without(model: Any, points: Sequence[int]) -> Any:
     """Return a copy of a model, adjusted without some of its points."""
     rest = pycolmap.Reconstruction(model)
     for number in points:
         rest.delete_point3D(number)
-    options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
-    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
-    options.print_summary = False
-    solver = options.ceres.solver_options
-    solver.num_threads, solver.function_tolerance = 1, _ADJUSTED
+    options, config = pycolmap.BundleAdjustmentOptions(_ADJUSTING), pycolmap.BundleAdjustmentConfig()
     for image in rest.reg_image_ids():
         config.add_image(image)
     pycolmap.create_default_bundle_adjuster(options, config, rest).solve()
     return rest
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Keep the mapper's messages off the terminal, since its result is checked here."""
-    level, aloud = pycolmap.logging.minloglevel, pycolmap.logging.logtostderr
-    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
-    try:
-        yield
-    finally:
-        pycolmap.logging.minloglevel, pycolmap.logging.logtostderr = level, aloud

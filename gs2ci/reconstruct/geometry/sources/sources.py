@@ -4,18 +4,15 @@ Here: these seven. Not here: a learned source (`vggt`), the choice among them (`
 (`initialise`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
-
-import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range
+from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
@@ -23,45 +20,24 @@ from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import Direct
 from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
-from gs2ci.reconstruct.geometry.sources.wide import wide_motion
+from gs2ci.reconstruct.geometry.sources.wide import ahead_of, wide_motion
 
 # From this relative difference on, the report mentions that two focal lengths differ.
 _FOCAL_DOUBT: Final = 0.05
 
 
-@dataclass(frozen=True)
-class FromTracks:
-    """Corners followed through the views, and the motion that explains them."""
+def from_stage(request: Request, progress: Progress) -> Geometry:
+    """Find the geometry along the poses that the stage reported.
 
-    name: str = PathSource.TRACKS
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
-        return from_tracks(request, progress)
-
-
-@dataclass(frozen=True)
-class FromStage:
-    """The poses that the stage reported."""
-
-    name: str = PathSource.STAGE
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
-        poses = poses_of_stage(request.shot)
-        found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
-        if not found.tracks:
-            found = _without_tracks(request, poses, found)
-        return replace(_with_errors(found, stated_error(request.shot)), source=self.name)
-
-
-def _with_errors(found: Geometry, error: float | None) -> Geometry:
-    """Add what a stage's poses settle: the order of depth, and the positions within their stated error.
-
-    Points in front of its cameras would lie behind those of the reversed path, unless it turned by exactly as much as
-    the reversal requires.
+    Its poses settle the order of depth: points in front of its cameras would lie behind those of the reversed path,
+    unless it turned by exactly as much as the reversal requires.
     """
-    return replace(_held(found, error), order_given=True) if found.has_path else found
+    poses = poses_of_stage(request.shot)
+    found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
+    if not found.tracks:
+        found = _without_tracks(request, poses, found)
+    held = _held(found, stated_error(request.shot))
+    return replace(held, order_given=held.has_path, source=PathSource.STAGE)
 
 
 def _held(found: Geometry, error: float | None = None) -> Geometry:
@@ -82,101 +58,68 @@ def _held(found: Geometry, error: float | None = None) -> Geometry:
     return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position))
 
 
-@dataclass(frozen=True)
-class FromUniform:
-    """The uniform motion that explains the measurement best, without tracks."""
-
-    name: str = PathSource.UNIFORM
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
-        return uniform_motion(request, from_tracks(request, progress))
+def from_uniform(request: Request, progress: Progress) -> Geometry:
+    """Find the uniform motion that explains the measurement best, without tracks."""
+    return uniform_motion(request, from_tracks(request, progress))
 
 
-@dataclass(frozen=True)
-class FromDisplacements:
-    """The motion that explains the displacements of blocks of the measurement."""
-
-    name: str = PathSource.DISPLACEMENTS
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
-        found = displaced_motion(request, from_tracks(request, progress))
-        say_how_found(found, progress)
-        return found
+def from_displacements(request: Request, progress: Progress) -> Geometry:
+    """Find the motion that explains the displacements of blocks of the measurement."""
+    found = displaced_motion(request, from_tracks(request, progress))
+    say_how_found(found, progress)
+    return found
 
 
-@dataclass(frozen=True)
-class FromRest:
-    """A camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth."""
-
-    name: str = PathSource.REST
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
-        return self.known_by(request, progress, finding(Code.CAMERA_GIVEN_AT_REST))
-
-    def known_by(self, request: Request, progress: Progress, note: Finding) -> Geometry:
-        """Find the geometry, with the finding that says why the camera is taken to be at rest."""
-        progress.stage("geometry", 1)
-        focal, count = request.settings.focal, len(request.views)
-        found = before_camera_at_rest(count, request.size, request.intrinsics, focal, note)
-        progress.step(1)
-        progress.say(note.sentence)
-        return found
-
-
-@dataclass(frozen=True)
-class FromWide:
-    """Features matched between all pairs of views, which may lie far apart and in no order."""
-
-    name: str = PathSource.MATCHES
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`.
-
-        Raises:
-            GeometryError: The views do not all join one scene, or their depths along its path do not agree; or
-                pycolmap cannot be had.
-        """
-        found = matched_motion(request, from_tracks(request, progress))
-        if not found.has_path:
-            raise GeometryError(
-                "features matched between all pairs of views do not join them into one scene, or their depths disagree",
-                remedy="use another source: tracks, stage, uniform or file:PATH, or more light and fewer masks",
-            )
-        return found
-
-
-@dataclass(frozen=True)
-class FromFile:
-    """The cameras of a COLMAP model or a transforms.json.
+def from_rest(request: Request, progress: Progress, note: Finding | None = None) -> Geometry:
+    """Return a camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth.
 
     Args:
-        path: The model's folder, or the file.
+        request: Its views.
+        progress: Receives the note.
+        note: Why the camera is taken to be at rest; None: the user says so.
     """
+    progress.stage("geometry", 1)
+    note = note or finding(Code.CAMERA_GIVEN_AT_REST)
+    found = before_camera_at_rest(len(request.views), request.size, request.intrinsics, request.settings.focal, note)
+    progress.step(1)
+    progress.say(note.sentence)
+    return found
 
-    path: Path
-    name: str = PathSource.FILE
 
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`.
+def from_wide(request: Request, progress: Progress) -> Geometry:
+    """Find the path by features matched between all pairs of views, which may lie far apart and in no order.
 
-        The tracks give the scale of the depths; if there are too few of them, the file's points do, otherwise the
-        measurement.
-        """
-        cameras = read_cameras(self.path, request.shot.views, request.shot.size, request.shot.distortion)
-        notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics, straight=request.lens is None)
-        if request.lens is not None:
-            cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
-        poses = cameras.world_to_camera
-        found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
-        # One view shows no depth, even within a known range.
-        if not found.has_path and len(cameras.points) and len(poses) > 1:
-            found = swept_between_points(request, cameras, found)
-        elif not found.tracks:
-            found = _without_tracks(request, poses, found)
-        return replace(_held(found), source=self.name, notes=(*notes, *found.notes))
+    Raises:
+        GeometryError: The views do not all join one scene, or their depths along its path do not agree; or pycolmap
+            cannot be had.
+    """
+    found = matched_motion(request, from_tracks(request, progress))
+    if not found.has_path:
+        raise GeometryError(
+            "features matched between all pairs of views do not join them into one scene, or their depths disagree",
+            remedy="use another source: tracks, stage, uniform or file:PATH, or more light and fewer masks",
+        )
+    return found
+
+
+def from_file(path: Path, request: Request, progress: Progress) -> Geometry:
+    """Find the geometry along the cameras of a COLMAP model's folder or a transforms.json.
+
+    The tracks give the scale of the depths; if there are too few of them, the file's points do, otherwise the
+    measurement.
+    """
+    cameras = read_cameras(path, request.shot.views, request.shot.size, request.shot.distortion)
+    notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics, straight=request.lens is None)
+    if request.lens is not None:
+        cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
+    poses = cameras.world_to_camera
+    found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
+    # One view shows no depth, even within a known range.
+    if not found.has_path and len(cameras.points) and len(poses) > 1:
+        found = swept_between_points(request, cameras, found)
+    elif not found.tracks:
+        found = _without_tracks(request, poses, found)
+    return replace(_held(found), source=PathSource.FILE, notes=(*notes, *found.notes))
 
 
 def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
@@ -212,23 +155,20 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
     Raises:
         GeometryError: The points lie behind the middle camera.
     """
-    reference = without.reference
-    poses = cameras.world_to_camera @ np.linalg.inv(cameras.world_to_camera[reference])
-    depths = cameras.points @ cameras.world_to_camera[reference, 2, :3] + cameras.world_to_camera[reference, 2, 3]
-    ahead = 1 / depths[depths > 0]
-    if 2 * len(ahead) < len(depths):
+    reference, settings = without.reference, request.settings.sweep
+    poses, ahead, unit = ahead_of(cameras.world_to_camera, cameras.points, reference)
+    count = len(cameras.points)
+    if 2 * len(ahead) < count:
         raise GeometryError(
-            f"{len(depths) - len(ahead)} of the file's {len(depths)} points lie behind the middle camera",
+            f"{count - len(ahead)} of the file's {count} points lie behind the middle camera",
             remedy="check that its poses are world-to-camera with OpenCV axes",
         )
-    unit = float(np.median(ahead))
-    poses[:, :3, 3] *= unit
-    span = inverse_depth_range(ahead / unit, request.settings.sweep)
+    span = inverse_depth_range(ahead, settings)
     return replace(
         without,
         world_to_camera=poses,
         intrinsics=cameras.intrinsics,
-        inverse_depth=surface_map(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
+        inverse_depth=sweep(request.views, poses, cameras.intrinsics, reference, span, settings),
         verdict=Verdict.FULL,
         unit=1 / unit,
         notes=(*without.notes, finding(Code.POSES_UNCHECKED)),

@@ -18,8 +18,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
-from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range
+from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import depths_agree, turns_far, view_depths
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
@@ -56,24 +55,20 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
     still = at_rest(found)
     if scene is None:
         return replace(still, joined=joined)
-    relative = scene.world_to_camera @ np.linalg.inv(scene.world_to_camera[found.reference])
-    to_reference = scene.world_to_camera[found.reference]
-    depths = scene.points @ to_reference[2, :3] + to_reference[2, 3]
-    ahead = 1 / depths[depths > 0]
-    if len(ahead) < request.settings.criteria.tracks or 2 * len(ahead) < len(depths):
+    relative, ahead, unit = ahead_of(scene.world_to_camera, scene.points, found.reference)
+    if len(ahead) < request.settings.criteria.tracks or 2 * len(ahead) < len(scene.points):
         return still
-    unit = float(np.median(ahead))
-    relative[:, :3, 3] *= unit
     settings, far = request.settings, turns_far(relative)
     if far:
+        to_reference = scene.world_to_camera[found.reference]
         points = (scene.points @ to_reference[:3, :3].T + to_reference[:3, 3]) * unit
         depths = view_depths(request.views, relative, still.intrinsics, still.reference, points, settings.sweep)
         if not depths_agree(depths, relative, still.intrinsics):
             return still
         depth = depths[0].inverse_depth
     else:
-        span, depths = inverse_depth_range(ahead / unit, settings.sweep), ()
-        depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings.sweep)
+        span, depths = inverse_depth_range(ahead, settings.sweep), ()
+        depth = sweep(request.views, relative, still.intrinsics, still.reference, span, settings.sweep)
     doubts = doubts_about_path(scene.error_expected, settings.criteria)
     return replace(
         still,
@@ -88,6 +83,25 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         view_depths=depths,
         notes=(*_of_camera(found), finding(Code.WIDE_MOTION, points=len(scene.points)), *doubts),
     )
+
+
+def ahead_of(world_to_camera: F64, points: F64, reference: int) -> tuple[F64, F64, float]:
+    """Express poses relative to a view, in the unit in which the points ahead of it have a median inverse depth of 1.
+
+    Args:
+        world_to_camera: Poses, [N, 4, 4].
+        points: In the world, [P, 3].
+        reference: The view.
+
+    Returns:
+        The poses, [N, 4, 4]; the inverse depths of the points that lie ahead; and 1 of the world in the new unit.
+    """
+    poses, to_reference = world_to_camera @ np.linalg.inv(world_to_camera[reference]), world_to_camera[reference]
+    depths = points @ to_reference[2, :3] + to_reference[2, 3]
+    ahead = 1 / depths[depths > 0]
+    unit = float(np.median(ahead)) if len(ahead) else 1.0
+    poses[:, :3, 3] *= unit
+    return poses, ahead / unit, unit
 
 
 def _of_camera(found: Geometry) -> tuple[Any, ...]:

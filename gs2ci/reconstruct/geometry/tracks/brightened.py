@@ -1,6 +1,6 @@
 """Views of a dark scene, brightened for what looks at pictures of 8 bits.
 
-Here: by how much. Not here: the pictures (`tracks`, `wide`), the sweep that looks at the same views (`surface_map`).
+Here: by how much. Not here: the pictures (`tracks`, `wide`), the sweep that looks at the same views (`sweep`).
 """
 
 import numpy as np

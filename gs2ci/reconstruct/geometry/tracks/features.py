@@ -22,7 +22,6 @@ _RATIO: Final = 0.8
 # Features are compared with those of another view so many at a time: of two views in tilted pictures, all at once would
 # take 4 GB.
 _ROWS: Final = 2048
-_EPSILON: Final = 1e-6
 
 
 def find_features(view: F32, tilted: int | None = None) -> tuple[F32, F32]:
@@ -46,7 +45,7 @@ def find_features(view: F32, tilted: int | None = None) -> tuple[F32, F32]:
     places = np.array([point.pt for point in points], np.float32)
     # OpenCV has the first pixel's centre at 0, this project at 0.5.
     places = ((places + 0.5) / _ENLARGED).astype(np.float32)
-    shares = found / np.maximum(found.sum(axis=1, keepdims=True), _EPSILON)
+    shares = found / np.maximum(found.sum(axis=1, keepdims=True), 1)
     return places, np.sqrt(shares).astype(np.float32)
 
 

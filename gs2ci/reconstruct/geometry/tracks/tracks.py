@@ -5,7 +5,7 @@ the pixel in row r and column c lies at (c + 0.5, r + 0.5).
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
@@ -41,6 +41,9 @@ class TrackSettings(Bounded):
     spacing_px: float = 5.0
     forward_backward_px: float = 1.0
     window_px: Annotated[int, Field(ge=_LEAST_WINDOW_PX, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 21
+
+
+USUAL_TRACKS: Final = TrackSettings()
 
 
 @dataclass(frozen=True)
@@ -82,9 +85,8 @@ def grey_levels(views: F32) -> list[U8]:
     return images
 
 
-def find_corners(views: F32, reference: int, settings: TrackSettings | None = None) -> F64:
+def find_corners(views: F32, reference: int, settings: TrackSettings = USUAL_TRACKS) -> F64:
     """Detect corners of the reference view, strongest first; [P, 2] as (x, y) in px, P may be 0."""
-    settings = settings or TrackSettings()
     image = grey_levels(views[[reference]])[0]
     corners = cv2.goodFeaturesToTrack(image, settings.corners, settings.quality, settings.spacing_px)
     if corners is None:  # a view without any texture
@@ -93,7 +95,7 @@ def find_corners(views: F32, reference: int, settings: TrackSettings | None = No
     return detected
 
 
-def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSettings | None = None) -> Tracks:
+def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSettings = USUAL_TRACKS) -> Tracks:
     """Follow corners of the reference view through its neighbours to both ends of the exposure.
 
     Args:
@@ -109,7 +111,6 @@ def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSetting
     accumulate drift; so each point is tracked again directly from the reference view, starting at the position that the
     steps gave, and replaced if both agree within 3 px.
     """
-    settings = settings or TrackSettings()
     positions = np.full((len(corners), len(views), 2), np.nan)
     positions[:, reference] = corners
     if len(corners):
@@ -119,7 +120,7 @@ def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSetting
     return Tracks(positions, reference)
 
 
-def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSettings | None = None) -> Tracks:
+def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSettings = USUAL_TRACKS) -> Tracks:
     """Track points again, directly from the reference view, starting where a known motion predicts them.
 
     Args:
@@ -132,7 +133,6 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
         P tracks. With so good a start no pyramid is needed, whose coarse levels mix near and far; and a point that is
         lost in one view may be found in the next.
     """
-    settings = settings or TrackSettings()
     positions = np.full(predicted.shape, np.nan)
     positions[:, reference] = predicted[:, reference]
     images = grey_levels(views)

@@ -14,7 +14,7 @@ from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
 from gs2ci.reconstruct.fit.optimiser.relief import Relief
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, SurfaceSettings
-from tests.reconstruct.fit.plane_fits import QUICK, FaultyBackend, Listener, Watching, run
+from tests.reconstruct.fit.plane_fits import QUICK, FaultyBackend, Listener, Watching, paused, run
 
 pytestmark = pytest.mark.slow
 
@@ -52,6 +52,37 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
     assert note.code is Code.ROLLED_BACK_EXPLODED
     assert (note.figures["iteration"], note.figures["best"]) == (26, 20)
     assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
+    fit.scene.check()
+
+
+@pytest.mark.parametrize("spoilt", [40, 60])
+def test_a_state_that_is_not_finite_at_a_look_is_not_looked_at(moving_plane, monkeypatch, spoilt):
+    """The next iteration goes back from it; at the end of the schedule the best state is the result anyway."""
+    whole, calls = GaussianOptimiser.step, itertools.count(1)
+
+    def step(optimiser, *arguments):
+        whole(optimiser, *arguments)
+        if next(calls) == spoilt:
+            with torch.no_grad():
+                optimiser.scene.means[0] = torch.nan
+
+    monkeypatch.setattr(GaussianOptimiser, "step", step)
+    monkeypatch.setattr(DepthField, "step", lambda *_: None)
+    # A search for surfaces, due after the first of these looks, does not begin in that state either.
+    fit, _ = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches=(Search(0.66, 1e-3, 1e-3),))))
+    rolled_back = [finding(Code.ROLLED_BACK_NOT_FINITE, iteration=40, best=30)] if spoilt == 40 else []
+    assert list(fit.notes) == rolled_back
+    assert [point.iteration for point in fit.curve] == [look for look in range(10, 70, 10) if look != spoilt]
+    fit.scene.check()
+
+
+def test_a_paused_fit_that_is_not_finite_shows_its_best_state(moving_plane):
+    fit, _ = paused(moving_plane)
+    fit.advance(0.5)
+    shown = fit.views()
+    with torch.no_grad():
+        fit._fit.scene.means[0] = torch.nan
+    np.testing.assert_allclose(fit.views(), shown, atol=1e-6)
     fit.scene.check()
 
 

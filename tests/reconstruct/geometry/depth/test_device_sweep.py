@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.reconstruct.geometry.depth import device_sweep
 from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
-from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
 from gs2ci.reconstruct.geometry.depth.sweep import plane_homographies
 from gs2ci.render.se3 import exp
 from tests.reconstruct.fit.reading_back import reads
@@ -45,7 +45,7 @@ def test_planes_are_those_of_the_kernels(window, best, views, forward, at_once, 
     twists[-1, 2] = forward  # near planes then lie behind the last view
     homographies = plane_homographies(exp(twists).numpy(), MATRIX, PLANES)
     cost = matching_cost(features[0], features[1:], homographies, best, window)
-    here = best_plane(cost, sum_along_rows(cost))
+    here = best_plane(smoothed(cost))
     with reads() as count:
         there = best_planes_on_device(features, homographies, best, window, torch.device("cpu"))
     assert count.calls == {"cpu": 1, "numpy": 1}

@@ -14,7 +14,7 @@ from gs2ci.reconstruct.geometry.depth.occlusion import (
     preferred,
     things,
 )
-from gs2ci.reconstruct.geometry.reversal import reversed_poses
+from gs2ci.reconstruct.geometry.path.motion import reversed_poses
 
 SIZE = (48, 64)
 FOCAL_PX = 120.0

@@ -7,7 +7,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.depth import kernels
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
-from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
 from gs2ci.reconstruct.geometry.depth.sweep import (
     SweepSettings,
     inverse_depth_range,
@@ -88,11 +88,10 @@ def test_planes_behind_a_camera_count_as_unseen():
 def test_semi_global_smoothing_agrees_with_its_reference(shape):
     cost = np.random.default_rng(0).random(shape).astype(np.float32)
     double = cost.astype(np.float64)
-    along_rows = sum(path_costs_reference(double, 1, back) for back in (False, True))
-    total = along_rows + sum(path_costs_reference(double, 0, back) for back in (False, True))
-    got = sum_along_rows(cost)
-    np.testing.assert_allclose(got, along_rows, rtol=1e-5)
-    index = best_plane(cost, got)
+    total = sum(path_costs_reference(double, axis, back) for axis in (1, 0) for back in (False, True))
+    got = smoothed(cost)
+    np.testing.assert_allclose(got, total, rtol=1e-5)
+    index = best_plane(got)
     best = total.argmin(-1)
     inner = (best > 0) & (best < shape[2] - 1)
     at = np.clip(best, 1, shape[2] - 2)[..., None]
@@ -104,7 +103,7 @@ def test_semi_global_smoothing_agrees_with_its_reference(shape):
 
 def test_a_flat_cost_gives_a_finite_plane():
     cost = np.zeros((4, 5, 6), np.float32)
-    assert np.isfinite(best_plane(cost, sum_along_rows(cost))).all()
+    assert np.isfinite(best_plane(smoothed(cost))).all()
 
 
 def test_threads_do_not_change_a_bit():
@@ -114,7 +113,7 @@ def test_threads_do_not_change_a_bit():
         for threads in (1, min(2, before)):
             numba.set_num_threads(threads)
             cost = matching_cost(reference, others, homographies, 2, 7)
-            results.append(best_plane(cost, sum_along_rows(cost)))
+            results.append(best_plane(smoothed(cost)))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(*results)
@@ -185,3 +184,47 @@ def test_range_reaches_from_near_infinity_to_beyond_the_nearest_track():
     far, near = inverse_depth_range(np.linspace(0.5, 1.5, 101), SweepSettings())
     assert far == pytest.approx(0.03)
     assert near == pytest.approx(1.25 * 1.49)
+
+
+SIZE = (72, 96)
+FOCAL = 90.0
+INTRINSICS = np.array([[FOCAL, 0, 48], [0, FOCAL, 36], [0, 0, 1.0]])
+SPAN, SETTINGS = (0.1, 1.2), SweepSettings(planes=48)
+NEAR, FAR = 0.8, 0.3
+REFERENCE = 3
+
+
+def poses(count: int) -> np.ndarray:
+    """Return poses that travel to the right, the reference at the origin, [N, 4, 4]."""
+    found = np.repeat(np.eye(4)[None], count, axis=0)
+    found[:, 0, 3] = -0.05 * (np.arange(count) - REFERENCE)
+    return found
+
+
+def thing_before_a_wall(count: int) -> np.ndarray:
+    """Show a textured thing, 20 columns wide, before a wall that is plain beside it and hardly textured beyond."""
+    rng = np.random.default_rng(0)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    views = []
+    for pose in poses(count):
+        there, here = (columns - FOCAL * pose[0, 3] * depth for depth in (FAR, NEAR))
+        beyond = np.abs(there - 48) > 18
+        view = np.full((*SIZE, 3), 0.3)
+        view[beyond] += 0.02 * (np.sin(0.9 * there) * np.sin(0.7 * rows))[beyond][:, None]
+        inside = np.abs(here - 48) < 10
+        view[inside] = 0.7 + 0.2 * (np.sin(0.8 * rows) * np.cos(1.1 * here))[inside][:, None]
+        views.append(view + rng.normal(0, 2e-3, view.shape))
+    return np.stack(views).astype(np.float32)
+
+
+def test_two_views_are_enough():
+    views = thing_before_a_wall(5)[[REFERENCE, REFERENCE + 1]]
+    found = sweep(views, poses(5)[[REFERENCE, REFERENCE + 1]], INTRINSICS, 0, SPAN, SETTINGS)
+    assert np.isfinite(found).all()
+
+
+def test_a_dark_scene_has_the_depth_of_a_bright_one():
+    """By a power of two, so that every product is exact: the penalties of a map are in full scales."""
+    views, there = thing_before_a_wall(5), (poses(5), INTRINSICS, REFERENCE, SPAN, SETTINGS)
+    bright, dark = (sweep(shown, *there) for shown in (views, views / np.float32(32)))
+    np.testing.assert_array_equal(dark, bright)

@@ -75,7 +75,7 @@ def test_the_views_turned_farthest_are_swept_with_those_turned_least_against_the
         asked.append((views, poses, reference))
         return np.ones(views.shape[1:3], np.float32)
 
-    monkeypatch.setattr(module, "surface_map", sweep)
+    monkeypatch.setattr(module, "sweep", sweep)
     assert [one.view for one in swept(scene)] == [2, 4]
     for (views, poses, reference), (own, other) in zip(asked, [(2, 3), (4, 1)], strict=True):
         np.testing.assert_array_equal(views, scene.views[[own, other]])

@@ -202,7 +202,7 @@ def test_a_measurement_shows_a_path_of_a_pixel(request_for, small):
 
 def test_by_name_and_by_auto_it_is_the_same_where_tracks_see_nothing(request_for, monkeypatch):
     request = request_for()
-    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: without_path(request))
+    monkeypatch.setattr(choose, "from_tracks", lambda request, progress: without_path(request))
     said = []
     progress = Silent()
     monkeypatch.setattr(type(progress), "say", lambda self, sentence: said.append(sentence))

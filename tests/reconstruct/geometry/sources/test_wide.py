@@ -32,6 +32,11 @@ def request_for(scene, expose):
     return lambda views=None: Request(expose(scene), scene.views if views is None else views, QUICK)
 
 
+@pytest.fixture(scope="module")
+def grown(scene):
+    return wide._grown(scene.views, scene.intrinsics, tilted=False)
+
+
 def flat(request):
     return replace(initialise(np.full_like(request.views, 0.5), request.intrinsics, QUICK))
 
@@ -82,7 +87,8 @@ def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, w
         load_geometry_prior("wide")(request, Silent())
 
 
-def test_a_path_along_which_depths_of_views_disagree_is_not_taken(request_for, monkeypatch):
+def test_a_path_along_which_depths_of_views_disagree_is_not_taken(request_for, grown, monkeypatch):
+    monkeypatch.setattr(wide, "_grown", lambda *_, **__: grown)
     monkeypatch.setattr(wide, "depths_agree", lambda *_: False)
     request = request_for()
     found = wide_motion(request, flat(request))
@@ -98,7 +104,8 @@ def test_views_that_turn_less_have_one_depth_and_an_open_order(expose, scene):
     assert (found.verdict, found.view_depths, found.order_errors) == ("full", (), None)
 
 
-def test_the_source_is_called_by_its_name(request_for):
+def test_the_source_is_called_by_its_name(request_for, grown, monkeypatch):
+    monkeypatch.setattr(wide, "_grown", lambda *_, **__: grown)
     found = load_geometry_prior("wide")(request_for(), Silent())
     assert (found.source, found.verdict) == ("wide", "full")
 
@@ -135,7 +142,7 @@ def test_lengths_are_relative_to_the_median_inverse_depth_before_the_middle_view
     spans = []
     monkeypatch.setattr(wide, "_grown", lambda *_, **__: (MappedScene(path, points, 0.1, 0.01), len(path)))
     monkeypatch.setattr(wide, "turns_far", lambda _: False)
-    monkeypatch.setattr(wide, "surface_map", lambda *given: spans.append(given[4]) or scene.inverse_depth)
+    monkeypatch.setattr(wide, "sweep", lambda *given: spans.append(given[4]) or scene.inverse_depth)
     request = request_for()
     found = wide_motion(request, flat(request))
     centres = np.linalg.inv(found.world_to_camera)[:, 0, 3]

@@ -6,6 +6,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.path.motion import predict_positions
 from gs2ci.reconstruct.geometry.tracks.tracks import (
+    USUAL_TRACKS,
     Tracks,
     TrackSettings,
     find_corners,
@@ -15,7 +16,7 @@ from gs2ci.reconstruct.geometry.tracks.tracks import (
 )
 
 
-def follow(scene, settings=None):
+def follow(scene, settings=USUAL_TRACKS):
     reference = len(scene.views) // 2
     return find_tracks(scene.views, reference, find_corners(scene.views, reference, settings), settings)
 
