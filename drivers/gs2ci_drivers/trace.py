@@ -182,14 +182,14 @@ class TracedPort:
     def __getattr__(self, name: str) -> Any:
         method = getattr(self._port, name)
 
-        def noted(*given: Any) -> Any:
+        def noted(*given: Any, **named: Any) -> Any:
             call = Call(name)
-            for said, value in inspect.signature(method).bind(*given).arguments.items():
-                if isinstance(value, bytes):
-                    call.sent.append(value)
+            for said, value in inspect.signature(method).bind(*given, **named).arguments.items():
+                if isinstance(value, bytes | bytearray):
+                    call.sent.append(bytes(value))
                 elif said not in _LEFT_OUT:
                     call.args += value if isinstance(value, tuple) else [value]
-            return self._trace.note(call, lambda: method(*given), lambda result: self._outcome(call, result))
+            return self._trace.note(call, lambda: method(*given, **named), lambda result: self._outcome(call, result))
 
         return noted
 

@@ -40,17 +40,17 @@ def silenced() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def answered(*, as_text: bool) -> Iterator[Callable[[Any], None]]:
+def answered(alone: bool) -> Iterator[Callable[[Any], None]]:
     """Let a command give its answer.
 
     Args:
-        as_text: Whether the output is for people: then nothing is changed, and the answer is not printed. Otherwise
-            all other output goes to standard error, so that standard output contains only the answer.
+        alone: Whether standard output is to contain the answer alone, and all other output goes to standard error.
+            Otherwise the output is for people: nothing is changed, and the answer is not printed.
 
     Yields:
         A function that takes the answer, of plain values, records and arrays.
     """
-    if as_text:
+    if not alone:
         yield lambda _answer: None
         return
     before = _answers_to.get()

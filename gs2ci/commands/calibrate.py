@@ -58,7 +58,7 @@ def run(
     from gs2ci.api.rigs import open_rig
     from gs2ci_calibration.bundle import check_bundle_place
 
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         console = Console()
         if step == "update":
             bundle, update = _update(console, files)

@@ -66,7 +66,7 @@ def run(
         CaptureTarget.parse(until)
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         console = Console()
         with open_rig(rig) as opened:
             opened.trace_to(None if dry_run else out)

@@ -12,7 +12,7 @@ def run(*, json: AsJson = False) -> float:
     Returns:
         The seconds that it took.
     """
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         seconds = compile_kernels()
         print(f"All kernels are compiled ({seconds:.0f} s).")
         answer({"seconds": seconds})

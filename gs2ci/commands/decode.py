@@ -51,7 +51,7 @@ def run(
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     wanted = range(count) if all_shots else (index or 0,)
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         decoded = decode_all((read_shot(shot, i) for i in wanted), progress=None, **options)
         report = write_decoded(output, decoded, overwrite=overwrite)
         _print(output, report)

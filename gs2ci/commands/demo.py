@@ -42,6 +42,6 @@ def run(
     shot = output / "shot.h5"
     rig = demo_rig(output / "rig.toml", **options)
     partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration holds no data worth keeping
-    with answered(as_text=not json):  # the run is the answer
+    with answered(json):  # the run is the answer
         capture.run(rig=rig, out=shot, overwrite=True)
     return reconstruct.run(shot, output / "run", overwrite=True, json=json)

@@ -43,7 +43,7 @@ def run(
         Gs2ciError: A file or a value cannot be used.
     """
     command = shlex.join(["gs2ci", *sys.argv[1:]])
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         made = designing.design(
             rig,
             output,

@@ -38,7 +38,7 @@ def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) ->
         from gs2ci_drivers.failures import HOME_COMMAND
 
         raise InputError("--home without a rig", remedy=HOME_COMMAND)
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         if rig is None:
             answer(_print_found(console))
             return

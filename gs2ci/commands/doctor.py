@@ -25,7 +25,7 @@ def run(*, rig: Path, trigger_loop: bool = True, json: AsJson = False) -> None:
     from gs2ci.api.rigs import open_rig
 
     console = Console(highlight=False)
-    with answered(as_text=not json) as answer, open_rig(rig) as opened:
+    with answered(json) as answer, open_rig(rig) as opened:
         found = []
         for finding in opened.doctor(trigger_loop=trigger_loop):
             found.append(finding)

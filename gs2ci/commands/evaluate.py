@@ -66,7 +66,7 @@ def run(
         measured = [read_shot(shot, index or 0)]
     found = scoring.evaluate(folder, measured, depth=depth, novel=novel, **options)
     written = write_evaluation(output, found)
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         table = Table(show_header=False, box=None)
         for name, value in rows(found):
             table.add_row(name, value)

@@ -34,7 +34,7 @@ def run(
     Raises:
         Gs2ciError: The folder is no run, or has no such part, or the output cannot be written.
     """
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         heard = Silent()
         written = export(folder, to, output, progress=heard, **options)
         console = Console(highlight=False)

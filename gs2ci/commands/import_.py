@@ -60,7 +60,7 @@ def run(
     from gs2ci.core.storage.sealing import check_target
 
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         if file.name.endswith(".partial"):
             usual = inspect.signature(run).parameters
             said = (value != usual[name].default for name, value in known.items() if name != "intrinsics")

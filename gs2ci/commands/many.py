@@ -27,7 +27,7 @@ def run_many(files: Sequence[Path], output: Path, *, json: bool, **options: Any)
         Gs2ciError: A file or the folder cannot be used, no scheduler answers, or some exposures failed; the runs of
             the others are complete.
     """
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         rows = reconstruct_many(files, output, **options)
         _print(output)
         answer([row.model_dump(mode="json") for row in rows])

@@ -41,7 +41,7 @@ def run(
     finished = finished_run(folder)
     chosen = middle_view(finished) if view is None else view
     found = measured(finished, *pixels, view=chosen)
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         console = Console(highlight=False)
         console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen})")
         for text, point, confidence in zip((pixel, other_pixel), found.points, found.confidence, strict=True):

@@ -32,7 +32,7 @@ def run(
     Raises:
         Gs2ciError: The folder is no run, its depth is not reliable, or the output cannot be written.
     """
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         written = mesh(folder, output, **options)
         Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
         answer({"path": written})

@@ -64,7 +64,7 @@ def run(
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
     if action in ("add", "list") and (output is not None or overwrite):
         raise InputError(f"-o or --overwrite with {action}", allowed="with the exports", remedy=call)
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         if action == "list":
             answer(_list())
             return None

@@ -57,7 +57,7 @@ def run(
         raise InputError("--picture without --sweep", remedy="say what to sweep: --sweep mask_s=0.001..0.1")
     if explain and sweep:
         raise InputError("--explain with --sweep", allowed="one of the two", remedy="explain one plan at a time")
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         if sweep:
             answer({"sweeps": _swept(rig, sweep, points, picture, **options)})
             return

@@ -19,7 +19,7 @@ def run(*, json: AsJson = False) -> list[Plugin]:
     Returns:
         The plug-ins.
     """
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         found = list_plugins()
         _print(found)
         answer(found)

@@ -143,7 +143,7 @@ def _write_run(
     from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         with open_display() as display:
             found = found_with(display)
             display.stage("report")

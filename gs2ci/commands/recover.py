@@ -33,7 +33,7 @@ def run(
     """
     from gs2ci.core.storage import count_shots
 
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         saved = save_finished_rows(partial, out)
         answer({"file": saved, "shots": count_shots(saved)})
     return saved

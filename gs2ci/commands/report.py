@@ -37,7 +37,7 @@ def run(
     """
     from gs2ci.evaluate.pages.run_page import write_run_page
 
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         page = write_run_page(folder, output)
         size = page.stat().st_size
         line = Text(str(page), style="bold").append(f"  {size / 1e6:.1f} MB, one file", style="dim")

@@ -44,7 +44,7 @@ def run(
         Gs2ciError: The file or a value cannot be used.
     """
     command = shlex.join(["gs2ci", *sys.argv[1:]])
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         made = costs.tradeoff(shot, output, knobs=knobs, report=report, command=command, **options)
         print_pages(made.text, made.pages)
         answer(

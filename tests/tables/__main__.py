@@ -61,7 +61,7 @@ def run(
             scheduler answers.
     """
     command = shlex.join(["python", "-m", "tests.tables", *sys.argv[1:]])
-    with answered(as_text=not json) as answer:
+    with answered(json) as answer:
         made = make_table(table, output, data=data, cases=cases, lines=lines, only=only, command=command, **options)
         print_pages(made.text, made.pages)
         answer({"table": table, "lines": made.records(), "pages": made.pages})
