@@ -145,7 +145,6 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         lambda settings: _surfaces(settings, lambda one: replace(one, depth_field=None)),
         "steps",
     ),
-    Mechanism("relief exchange", "turning of cameras is exchanged for travel", partial(_fit, relief=None), "steps"),
     Mechanism(
         "margin",
         "the scene is continued beyond the borders of all views",

@@ -47,7 +47,6 @@ ON_DEVICE = (
     "iteration: surfaces' term",
     "iteration: finite",
     "iteration: Gaussians' step",
-    "iteration: exchange of turning",
     "iteration: field of depth",
     "fit: error blended back",
     *("sweeps: ", "decode: ", "patches: "),

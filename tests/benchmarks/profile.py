@@ -38,7 +38,7 @@ from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.fit.density import gathering
 from gs2ci.reconstruct.fit.losses import objective as losses
 from gs2ci.reconstruct.fit.optimiser import gaussians as optimiser
-from gs2ci.reconstruct.fit.optimiser import poses, relief
+from gs2ci.reconstruct.fit.optimiser import poses
 from gs2ci.reconstruct.fit.surfaces import surfaces
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
@@ -75,7 +75,6 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("iteration: Gaussians' step", optimiser.GaussianOptimiser, "step"),
     ("iteration: poses' step", poses.PoseCorrections, "step"),
     ("iteration: gradient by poses", poses.PoseCorrections, "pull"),
-    ("iteration: exchange of turning", relief.Relief, "step"),
     ("rendering: checks of input", backend, "check_rendering"),
     ("rendering: checks of masks", backend, "check_masks"),
     ("kernel: project", passes, "project"),

@@ -39,7 +39,6 @@ def shared_schedule(fit: CoarseSettings, exposures: int, growth: float) -> Coars
             growth_patience=_rounds(hold_out.growth_patience * stretch, exposures),
         ),
         gaussians_per_pixel=None if fit.gaussians_per_pixel is None else fit.gaussians_per_pixel * max(1.0, growth),
-        relief=None,
     )
 
 

@@ -42,7 +42,6 @@ def paper_settings() -> Settings:
         most_gaussians=MOST_GAUSSIANS,
         cap_from=7_000 / _ITERATIONS,
         surfaces=None,
-        relief=None,
         per_open_share=False,
         loss=LossWeights(similarity=0.1, opacity=0.01),
         steps=steps,

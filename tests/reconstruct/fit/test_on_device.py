@@ -20,9 +20,9 @@ from gs2ci.render.warp import arrays
 from tests.reconstruct.fit.plane_fits import fit_coarse
 from tests.reconstruct.fit.reading_back import reads, said_to_lie_there
 
-READS = 6
-"""Numbers that an iteration waits for: the loss, whether the scene and its gradients are finite (2), the gradients by
-the poses, and, for the exchange of turning for travel, the median distance and the derivatives."""
+READS = 4
+"""Numbers that an iteration waits for: the loss, whether the scene and its gradients are finite (2), and the gradients
+by the poses."""
 
 
 @pytest.fixture

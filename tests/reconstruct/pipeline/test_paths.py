@@ -68,9 +68,10 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
     """Every path is doubtful by this criterion; the first attempt is that of `found_soon`."""
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
     again = reconstruct(shot, replace(SHORT, look_again=True, geometry=strict)).result
-    before, after = (one.heldout_rms["scene"] for one in (found_soon.result, again))
-    assert after <= before
-    assert (finding(Code.PATH_FOUND_AGAIN) in again.notes) == (after < before)
+    judged = {one.hypothesis: one.refined_rms for one in again.race if one.refined_rms is not None}
+    (taken,) = [one.hypothesis for one in again.race if one.outcome == "taken"]
+    assert taken == min(judged, key=judged.get)
+    assert (finding(Code.PATH_FOUND_AGAIN) in again.notes) == (taken == "second look")
     assert again.geometry.path_error_expected == found_soon.result.geometry.path_error_expected
 
 

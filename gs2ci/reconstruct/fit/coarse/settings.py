@@ -16,7 +16,6 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.losses.objective import LossWeights
 from gs2ci.reconstruct.fit.optimiser.gaussians import StepSizes
 from gs2ci.reconstruct.fit.optimiser.poses import PoseSettings
-from gs2ci.reconstruct.fit.optimiser.relief import ReliefSettings
 from gs2ci.reconstruct.fit.scene.colours import ColourSettings
 from gs2ci.reconstruct.fit.scene.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.surfaces.surfaces import SurfaceSettings
@@ -42,8 +41,6 @@ class CoarseSettings(Bounded):
         mask_moments_from: Share of the schedule from which on masks have their moments. Before, each has one: the
             scene is coarser then than the blur within a mask, and an iteration costs as much as it has moments.
         surfaces: How light is drawn to surfaces that the views show; None: only the measurement places it.
-        relief: How turning of the cameras is exchanged for travel if neither a stage nor a file gave the path; None:
-            never.
         per_open_share: Whether the gradients that density rules receive are divided by the masks' share of open pixels,
             so that thresholds found on photographs hold (`density/gathering.py`).
         motion: How Gaussians that start with a motion may move.
@@ -59,7 +56,6 @@ class CoarseSettings(Bounded):
     cap_from: float | None = None
     mask_moments_from: Annotated[float, Field(ge=0, le=1)] = 0.5
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
-    relief: ReliefSettings | None = field(default_factory=ReliefSettings)
     per_open_share: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
@@ -73,17 +69,11 @@ class CoarseSettings(Bounded):
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: One is out of its bounds, there is no bound on the population at all, or turning is exchanged
-                for travel with poses that do not step at every iteration.
+            InputError: One is out of its bounds, or there is no bound on the population at all.
         """
         if self.gaussians_per_pixel is None and self.most_gaussians is None:
             raise InputError(
                 "a fit without any bound on its population",
                 allowed="gaussians_per_pixel, which limits it, or most_gaussians, which ends the fit",
-            )
-        if self.relief is not None and self.poses.every != 1:
-            raise InputError(
-                f"an exchange of turning for travel in a fit whose poses step every {self.poses.every} iterations",
-                allowed="poses that step at every iteration, or no relief settings",
             )
         return super().check()

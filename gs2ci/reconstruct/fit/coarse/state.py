@@ -28,7 +28,6 @@ from gs2ci.reconstruct.fit.density.gathering import Gathering
 from gs2ci.reconstruct.fit.losses.objective import add_regularisers
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
 from gs2ci.reconstruct.fit.optimiser.poses import length_of, path_length
-from gs2ci.reconstruct.fit.optimiser.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView
 from gs2ci.reconstruct.fit.scene.raster_order import raster_order
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
@@ -76,10 +75,6 @@ class FitState:
         field = moved and start.motion is None and alone
         self._depth_field = _depth_field(settings, geometry, first.renderer) if field else None
         self._field_step: FieldStep | None = None
-        self._exchange: Exchange | None = None
-        # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
-        free = geometry.has_path and not geometry.is_given and start.motion is None and alone
-        self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         # At depth 1, which is the scene's median depth.
         self._px_per_length = float(geometry.intrinsics[0, 0])
         self._pixels = size[0] * size[1]
@@ -156,8 +151,6 @@ class FitState:
         for further in (motion, current.poses.penalty()):
             if isinstance(further, Tensor):
                 further.backward()  # type: ignore[no-untyped-call]
-        # Before the surfaces' term: an exchange moves the surfaces too, so that their gradients must not influence it.
-        self._exchange = self._exchange_wanted(poses, share)
         surfaces = current.surfaces
         # Before there are surfaces, nothing holds regions where they are.
         field = None if surfaces is None else self._depth_field
@@ -235,16 +228,11 @@ class FitState:
 
     def step(self, share: float, damping: float) -> None:
         """Step the parameters by their gradients, and let the density rule shake the Gaussians."""
-        exchange, current = self._exchange, self._current
+        current = self._current
         if self._outside is not None:
             self.optimiser.hold(self._outside)
         self.optimiser.step(share, damping)
         current.poses.step(share, damping)
-        if exchange is not None:
-            exchange.of_scene(self.scene)
-            current.poses.shift(exchange.twists)
-            if current.surfaces is not None:
-                current.surfaces = current.surfaces.exchanged(exchange)
         if self._field_step is not None:
             self._field_step.of_scene(self.scene)
             if current.surfaces is not None:
@@ -253,13 +241,6 @@ class FitState:
         moves = self.settings.density.shake(self.scene, rate, self.generator)
         if moves is not None:
             self.optimiser.shift(moves)
-
-    def _exchange_wanted(self, poses: Tensor, share: float) -> Exchange | None:
-        """Choose by the present gradients how much turning becomes travel; None if this fit exchanges nothing."""
-        gradient = self._current.poses.gradient()
-        if self._relief is None or gradient is None:
-            return None
-        return self._relief.step(self.scene, poses, gradient, share)
 
     def bound_population(self) -> None:
         """Bound the population by its size at the first call (paper, supplement II)."""
@@ -351,12 +332,11 @@ class FitState:
         self.optimiser.restore(state.scene)
         for one, twists, surfaces in zip(self.exposures, state.twists, state.surfaces, strict=True):
             one.poses.restore(twists)
-            # What later searches found fits their path, which exchanges of turning for travel may have moved since.
+            # What later searches found fits their path.
             one.surfaces = surfaces if isinstance(surfaces, Surfaces) else None
         # One gradient of a state that ran away would leave squares that shorten their steps for hundreds of iterations.
-        for others in (self._relief, self._depth_field):
-            if others is not None:
-                others.forget()
+        if self._depth_field is not None:
+            self._depth_field.forget()
         self._outside = state.outside
         self._searches = list(state.searches)
         self._meet_others()

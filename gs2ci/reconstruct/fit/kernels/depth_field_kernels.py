@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.kernels import f32_1, f32_2, f64, f64_1, f64_2, f64_3, helper, i64_1, kernel
-from gs2ci.reconstruct.fit.kernels.distances import bounded
-from gs2ci.reconstruct.fit.kernels.relief_kernels import seen_from, turned
+from gs2ci.reconstruct.fit.kernels.distances import bounded, seen_from, turned
 
 Numbers = NDArray[Any]
 

@@ -6,7 +6,7 @@ that sums have one order. Here: the kernels. Not here: the rendering between the
 
 import numpy as np
 
-from gs2ci.core.kernels import f32_1, f32_2, f32_3, f64, i64_1, kernel
+from gs2ci.core.kernels import f32_1, f32_2, f64, i64_1, kernel
 
 
 @kernel(f32_2, f32_1, f64, f64, f64, f32_2)
@@ -78,25 +78,3 @@ def distance_to_surface(image, pixels, inverse_depth, trust, parallax_px, middle
         gradient[at, 1] = -2 * slope * p
         gradient[at, 2] = slope
     return total / max(all_trust, 1.0)
-
-
-@kernel(f32_3, f32_3, f32_1, f64, f64, f64, f32_3)
-def exchange_inverse_depth(inverse_depth, rays, bend, beta, shrink, widest, out):
-    """Store maps of inverse depth after an exchange of turning for travel, [K, H, W].
-
-    Args:
-        inverse_depth: [K, H, W].
-        rays: Of the pixels, at z = 1, [H, W, 2].
-        bend: See `relief.ReliefStep`, [2].
-        beta: The step.
-        shrink: See `relief.ReliefStep`.
-        widest: Bound on the rays along `bend`, as for the Gaussians.
-        out: [K, H, W].
-    """
-    most = np.float32(widest)
-    one, step, factor = np.float32(1), np.float32(beta), np.float32(1 - beta * shrink)
-    for k in range(inverse_depth.shape[0]):
-        for y in range(inverse_depth.shape[1]):
-            for x in range(inverse_depth.shape[2]):
-                slant = min(max(rays[y, x, 0] * bend[0] + rays[y, x, 1] * bend[1], -most), most)
-                out[k, y, x] = (inverse_depth[k, y, x] + step * (one + slant * slant)) * factor

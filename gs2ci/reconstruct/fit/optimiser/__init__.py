@@ -1,1 +1,1 @@
-"""What a fit steps, and how: Gaussians, poses, and the exchange between the two."""
+"""What a fit steps, and how: Gaussians and poses."""

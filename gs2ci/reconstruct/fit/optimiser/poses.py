@@ -150,15 +150,6 @@ class PoseCorrections:
         self._adam.step(self._twists, rates.rate * (rates.final_rate / rates.rate) ** progress * damping)
         self.forget_gradient()
 
-    def gradient(self) -> Tensor | None:
-        """Return the accumulated gradient by twists in scene units, [N, 6]; None if poses are not refined."""
-        return None if self._twists.grad is None else self._twists.grad / self._units
-
-    def shift(self, twists: Tensor) -> None:
-        """Move the cameras by small twists after their poses, in scene units, [N, 6]; Adam's moments stay."""
-        with torch.no_grad():
-            self._twists.add_(twists / self._units)
-
     def forget_gradient(self) -> None:
         """Discard the accumulated gradient."""
         self._twists.grad = None

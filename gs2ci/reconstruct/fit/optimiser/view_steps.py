@@ -25,8 +25,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.core.kernels import f32_2, f64, f64_2, kernel
 from gs2ci.reconstruct.fit.kernels.calling import call
-from gs2ci.reconstruct.fit.kernels.distances import MOST_GROWTH, most_growth
-from gs2ci.reconstruct.fit.kernels.relief_kernels import seen_from, turned
+from gs2ci.reconstruct.fit.kernels.distances import MOST_GROWTH, most_growth, seen_from, turned
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.render.conventions import NEAR
 

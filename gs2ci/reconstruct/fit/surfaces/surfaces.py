@@ -29,10 +29,8 @@ from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.surface_kernels import (
     add_mean_gradient,
     distance_to_surface,
-    exchange_inverse_depth,
     parallax_moments,
 )
-from gs2ci.reconstruct.fit.optimiser.relief import WIDEST, Exchange
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
@@ -144,13 +142,6 @@ class Surfaces:
     def with_masks(self, renderer: ShotRenderer) -> "Surfaces":
         """Return the same, its pixels prepared for a renderer."""
         return replace(self, pixels=tuple(_pixels(renderer, one.at, one.middle) for one in self.pixels))
-
-    def exchanged(self, exchange: Exchange) -> "Surfaces":
-        """Return the surfaces after path and scene have exchanged turning for travel."""
-        moved = np.empty_like(self.inverse_depth)
-        bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
-        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, WIDEST, moved)
-        return replace(self, inverse_depth=moved)
 
     def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":
         """Return the surfaces after a field was added to depths where the term looks, from poses, [N, 4, 4]."""

@@ -11,7 +11,6 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.fit.coarse.stage import MAX_ROLLBACKS
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
-from gs2ci.reconstruct.fit.optimiser.relief import Relief
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, SurfaceSettings
 from tests.reconstruct.fit.plane_fits import QUICK, FaultyBackend, Listener, Watching, paused, run
@@ -86,17 +85,16 @@ def test_a_paused_fit_that_is_not_finite_shows_its_best_state(moving_plane):
     fit.scene.check()
 
 
-def test_a_roll_back_forgets_what_the_runaway_taught_regions_and_the_path(moving_plane, monkeypatch):
+def test_a_roll_back_forgets_what_the_runaway_taught_regions(moving_plane, monkeypatch):
     forgot = []
-    for part in (DepthField, Relief):
-        monkeypatch.setattr(part, "forget", lambda one: forgot.append(type(one)))
-        monkeypatch.setattr(part, "step", lambda *_: None)
+    monkeypatch.setattr(DepthField, "forget", lambda one: forgot.append(type(one)))
+    monkeypatch.setattr(DepthField, "step", lambda *_: None)
     monkeypatch.setattr(DepthField, "__init__", lambda *_: None)
     settings = replace(QUICK, surfaces=SurfaceSettings(searches=(Search(1.0, 1e-3, 1e-3),)))
     fit, _ = run(moving_plane, settings, backend=FaultyBackend(lambda call: call == 25))
     assert [note.code for note in fit.notes] == [Code.ROLLED_BACK_NOT_FINITE]
     # Once more at the end, when the best state is restored.
-    assert forgot == [Relief, DepthField] * 2
+    assert forgot == [DepthField] * 2
 
 
 def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):

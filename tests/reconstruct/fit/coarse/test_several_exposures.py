@@ -126,7 +126,7 @@ def test_paths_that_are_tied_a_bit_wrong_come_to_lie_where_they_belong(exposures
     off = given[1].geometry.world_to_camera.copy()
     off[:, 1, 3] += 0.02  # 0.8 px
     wrong = replace(given[1], geometry=replace(given[1].geometry, world_to_camera=off))
-    fit = fitted([given[0], wrong, given[2]], replace(QUICK, iterations=300, relief=None))
+    fit = fitted([given[0], wrong, given[2]], replace(QUICK, iterations=300))
     fit.advance()
     first, second, _ = (one.world_to_camera[:, 1, 3] for one in map(fit.result, range(3)))
     assert abs(np.mean(second - first)) < 0.7 * 0.02
@@ -135,7 +135,7 @@ def test_paths_that_are_tied_a_bit_wrong_come_to_lie_where_they_belong(exposures
 def test_each_exposure_has_surfaces_of_its_own_and_all_are_restored(exposures):
     given, _ = exposures
     surfaces = SurfaceSettings((Search(0.4, 1e-2, 2e-4), Search(0.6, 1e-2, 2e-4)), margin=None)
-    fit = fitted(given, replace(QUICK, surfaces=surfaces, relief=None))
+    fit = fitted(given, replace(QUICK, surfaces=surfaces))
     fit.advance()
     state: FitState = fit._fit
     assert all(one.surfaces is not None for one in state.exposures)
@@ -143,7 +143,7 @@ def test_each_exposure_has_surfaces_of_its_own_and_all_are_restored(exposures):
     before = state.snapshot(60)
     for one in state.exposures:
         one.surfaces = None
-        one.poses.shift(torch.ones(4, 6))
+        one.poses.restore(one.poses.snapshot() + 1)
     state.restore(before)
     assert [one.surfaces for one in state.exposures] == list(before.surfaces)
     assert all(

@@ -1,4 +1,4 @@
-"""Surfaces within a fit: when they are sought, in what, and what is kept; and turning exchanged for travel."""
+"""Surfaces within a fit: when they are sought, in what, and what is kept."""
 
 from dataclasses import replace
 
@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.coarse import exposure
-from gs2ci.reconstruct.fit.optimiser.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -99,26 +97,3 @@ def test_without_parallax_no_surface_is_sought(moving_plane):
     plain, _ = run((shot, still), QUICK)
     fit, _ = run((shot, still), settings)
     assert np.array_equal(fit.views, plain.views)
-
-
-def test_turning_is_exchanged_for_travel_unless_the_path_was_told_or_the_scene_moves(moving_plane):
-    shot, geometry = moving_plane
-    without = replace(QUICK, relief=None)
-    free, _ = run(moving_plane)
-    kept, _ = run(moving_plane, without)
-    # The first tenth of the schedule is the same, up to iteration 6: the first look is past it.
-    assert not np.array_equal(free.world_to_camera, kept.world_to_camera)
-    for given in (replace(geometry, source="stage"), replace(geometry, source="file")):
-        told, _ = run((shot, given))
-        assert np.array_equal(told.world_to_camera, kept.world_to_camera)
-        assert np.array_equal(told.views, kept.views)
-    fixed = PoseSettings(refine=False)
-    one, two = (run(moving_plane, replace(settings, poses=fixed))[0] for settings in (QUICK, without))
-    assert np.array_equal(one.views, two.views)
-
-
-def test_poses_that_step_seldom_cannot_exchange_turning_for_travel():
-    seldom = replace(QUICK, poses=PoseSettings(every=5))
-    with pytest.raises(InputError, match="every 5 iterations"):
-        seldom.check()
-    replace(seldom, relief=None).check()

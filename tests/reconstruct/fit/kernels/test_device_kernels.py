@@ -10,7 +10,6 @@ from gs2ci.reconstruct.fit.kernels import (
     calling,
     depth_field_kernels,
     gaussian_kernels,
-    relief_kernels,
     surface_kernels,
 )
 from gs2ci.reconstruct.fit.kernels.calling import call
@@ -78,17 +77,6 @@ CASES = {
         *(POSE, NEAR, torch.zeros(GAUSSIANS, 3)),
     ),
     view_steps.move_in_view: lambda: (*scene(), normal(GAUSSIANS, 3), POSE, NEAR, 0.01, 0.2),
-    relief_kernels.step_of_gaussians: lambda: (
-        *(scene()[0], POSE, np.array([0.6, 0.8]), NEAR, 1.5),
-        *(torch.zeros(GAUSSIANS, 3), torch.zeros(GAUSSIANS)),
-    ),
-    relief_kernels.derivative_along: lambda: (normal(GAUSSIANS, 3), normal(GAUSSIANS, 1)),
-    relief_kernels.take_step: lambda: (
-        *scene(),
-        normal(GAUSSIANS, 3),
-        torch.cat([torch.zeros(5), normal(GAUSSIANS - 5)]),
-        0.2,
-    ),
     depth_field_kernels.gather_gradient: lambda: (
         *(scene()[0], normal(GAUSSIANS, 3), normal(GAUSSIANS, 3), POSE, NEAR, LOW, STEP),
         torch.zeros(6, 5, 4, dtype=torch.float64),
@@ -129,7 +117,7 @@ def CASES_AGAIN(kernel):
 
 def test_nothing_is_called_on_a_device_for_tensors_of_the_host(monkeypatch):
     monkeypatch.setattr(calls, "counterpart", lambda name: pytest.fail(f"{name} called"))
-    assert calling.call(relief_kernels.derivative_along, torch.ones(4, 3), torch.ones(4, 3)) == 12
+    assert calling.call(gaussian_kernels.add_size_gradient, torch.zeros(12), 0.0, torch.zeros(12)) == 1
 
 
 @pytest.mark.parametrize("viewed", [False, True])

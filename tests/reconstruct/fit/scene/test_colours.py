@@ -113,7 +113,6 @@ def fitted(scene, shot, geometry, degree):
         iterations=40,
         densify_from=1.0,
         surfaces=None,
-        relief=None,
         # Short steps of all that is right already.
         steps=replace(StepSizes.of_the_literature(), harmonics=2e-2),
         colours=ColourSettings(degree, every=0.1),

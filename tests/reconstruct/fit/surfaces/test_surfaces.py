@@ -8,13 +8,10 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.kernels.surface_kernels import exchange_inverse_depth
-from gs2ci.reconstruct.fit.optimiser.relief import WIDEST, Exchange, relief_step
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import FieldStep
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
-from gs2ci.render import se3
 from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians, joined
@@ -194,37 +191,6 @@ def test_the_weight_fades_over_the_rest_of_the_schedule():
     assert search.weight_at(0.75) == pytest.approx(1e-3)
     assert search.weight_at(1.0) == pytest.approx(1e-4)
     assert Search(1.0, 1e-2, 1e-4).weight_at(1.0) == pytest.approx(1e-2)
-
-
-def test_surfaces_move_with_an_exchange_of_turning_for_travel_as_the_scene_does(renderer):
-    found, scene, poses = surfaces_of(renderer), wall(), torch.from_numpy(path()).float()
-    for _ in range(10):
-        exchange = Exchange(relief_step(scene, poses, VIEWS // 2), 0.004)
-        exchange.of_scene(scene)
-        poses = se3.exp(exchange.twists) @ poses
-        found = found.exchanged(exchange)
-    moved = 1 / renderer.stopped_light(scene, poses.double().numpy()).surface().numpy()
-    middle = np.s_[8:-8, 14:-14]
-    for inverse_depth, view in zip(found.inverse_depth, found.views, strict=True):
-        assert np.median(np.abs(inverse_depth[middle] / moved[view][middle] - 1)) < 0.02
-    # The wall was flat, and is not any more.
-    assert np.ptp(moved[2][20, 14:-14]) > 0.002
-
-
-@pytest.mark.parametrize("aside", [0.5, 0.99, 1.5, 3.0])
-def test_an_exchange_moves_surfaces_as_far_aside_as_gaussians_there(aside):
-    """Beyond a field of view of 90 degrees the Gaussians' step is bounded, and so is that of the surfaces."""
-    rays = np.array([[[-aside, 0.1], [0.0, 0.0], [0.2, -0.1], [aside, 0.0]]], np.float32)
-    depth = torch.tensor([2.0, 1.5, 2.5, 2.0])
-    means = torch.cat([torch.from_numpy(rays[0]), torch.ones(4, 1)], dim=1) * depth[:, None]
-    scene = replace(wall().map(lambda tensor: tensor[:4].clone()), means=means)
-    exchange = Exchange(relief_step(scene, torch.from_numpy(path()), VIEWS // 2), 1e-3)
-    moved = np.empty((1, 1, 4), np.float32)
-    along = exchange.along
-    before = (1 / depth).numpy()[None, None]
-    exchange_inverse_depth(before, rays, along.bend.float().numpy(), exchange.beta, along.shrink, WIDEST, moved)
-    exchange.of_scene(scene)
-    np.testing.assert_allclose(moved[0, 0] - before[0, 0], 1 / scene.means[:, 2] - 1 / depth, atol=3e-5)
 
 
 def test_surfaces_move_with_a_field_over_depth_as_the_scene_does(renderer):

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.fit.kernels.device import kernels
 from gs2ci.reconstruct.fit.kernels.device.prepared import KeptLaunch
 
@@ -49,19 +48,6 @@ def _mean(parameter: Tensor, weight: float, gradient: Tensor, *, opacities: bool
     return _sum("sum_values", parameter, parameter, weight / count, int(opacities), gradient) / count
 
 
-def _step_of_gaussians(
-    means: Tensor, pose: F64, bend: F64, near: float, widest: float, by_means: Tensor, by_sizes: Tensor
-) -> Tensor:
-    _each("find_distances", means, pose, bend, near, widest, by_sizes)
-    shrink = by_sizes.median()
-    _each("differentiate_step", means, pose, shrink.reshape(1), by_means, by_sizes)
-    return shrink
-
-
-def _derivative_along(gradient: Tensor, step: Tensor) -> Tensor:
-    return _sum("sum_products", gradient, gradient, step)
-
-
 def _gather_gradient(means: Tensor, *others: Any) -> None:
     *given, gradient = others
     changes = means.new_empty(len(means), 4, dtype=torch.float64)
@@ -85,8 +71,6 @@ def _distance_to_surface(
 _WITH_MORE: Final[dict[str, Callable[..., Any]]] = {
     "add_opacity_gradient": partial(_mean, opacities=True),
     "add_size_gradient": partial(_mean, opacities=False),
-    "step_of_gaussians": _step_of_gaussians,
-    "derivative_along": _derivative_along,
     "gather_gradient": _gather_gradient,
     "move_gaussians": _move_gaussians,
     "distance_to_surface": _distance_to_surface,

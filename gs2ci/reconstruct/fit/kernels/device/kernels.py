@@ -140,77 +140,7 @@ def sum_values(parameter: Floats, share: float32, opacities: int, gradient: Floa
         sums[block] = all_of_it
 
 
-@wp.kernel(module="unique", module_options=TILED)
-def sum_products(
-    gradient: wp.array2d(dtype=float32),
-    step: wp.array2d(dtype=float32),
-    sums: Doubles,
-):
-    """Sum products of gradients and steps block by block; a step of one column counts for every column."""
-    block, lane = wp.tid()
-    total = float64(0.0)
-    for k in range(PER_THREAD):
-        g = block * CHUNK + k * SUMMED + lane
-        if g < gradient.shape[0]:
-            for j in range(gradient.shape[1]):
-                total += float64(gradient[g, j]) * float64(step[g, wp.min(j, step.shape[1] - 1)])
-    all_of_it = sum_of_block(total)
-    if lane == 0:
-        sums[block] = all_of_it
-
-
-# --------------------------------------------------------------------- exchange of turning for travel, depth field
-
-
-@wp.kernel
-def find_distances(
-    means: Vectors,
-    pose: mat44d,
-    bend: wp.vec2d,
-    near: float64,
-    widest: float64,
-    nearer: Floats,
-):
-    """See `relief_kernels._find_distances`."""
-    g = wp.tid()
-    seen = wp.transform_point(pose, vec3d(means[g]))
-    depth = wp.max(seen[2], near)
-    slant = wp.min(wp.max((seen[0] * bend[0] + seen[1] * bend[1]) / depth, -widest), widest)
-    nearer[g] = float32(depth * (_1 + slant * slant))
-
-
-@wp.kernel
-def differentiate_step(
-    means: Vectors,
-    pose: mat44d,
-    shrink: Floats,
-    by_means: Vectors,
-    by_sizes: Floats,
-):
-    """See `relief_kernels._differentiate_step`."""
-    g = wp.tid()
-    growth = shrink[0] - by_sizes[g]
-    by_means[g] = vec3(
-        float64(growth) * wp.transform_vector(wp.transpose(pose), wp.transform_point(pose, vec3d(means[g])))
-    )
-    by_sizes[g] = growth
-
-
-@wp.kernel
-def take_step(
-    means: Vectors,
-    log_scales: Vectors,
-    by_means: Vectors,
-    by_sizes: Floats,
-    beta: float64,
-):
-    """See `relief_kernels.take_step`."""
-    g = wp.tid()
-    size = float64(by_sizes[g])
-    if size != _0:
-        growth = bounded(beta * size, wp.length(vec3d(by_means[g])) / wp.abs(size))
-        means[g] = vec3(vec3d(means[g]) + (growth / size) * vec3d(by_means[g]))
-        enlarge(log_scales, g, growth)
+# ---------------------------------------------------------------------------------------------------- depth field
 
 
 @wp.func
@@ -395,10 +325,9 @@ def sum_distances(
 
 
 BY_ELEMENTS: Final[tuple[Any, ...]] = (
-    *(adam_step, gradient_in_view, move_in_view, find_distances, differentiate_step, take_step),
-    *(move_gaussians, find_changes, parallax_moments, add_mean_gradient),
+    *(adam_step, gradient_in_view, move_in_view, move_gaussians, find_changes, parallax_moments, add_mean_gradient),
 )
-BY_BLOCKS: Final[tuple[Any, ...]] = (sum_values, sum_products, sum_at_knots, sum_trust, sum_distances)
+BY_BLOCKS: Final[tuple[Any, ...]] = (sum_values, sum_at_knots, sum_trust, sum_distances)
 """By how they are launched: a thread for each element, or `SUMMED` threads for each sum."""
 ALL: Final = (*BY_ELEMENTS, *BY_BLOCKS)
 """For counts and for compiling in advance."""
