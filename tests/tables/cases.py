@@ -288,6 +288,8 @@ def recoded(
     masks = shot.masks[chosen]
     if grey:
         share = float(masks.mean()) if open_share is None else open_share
+        if share == 1:
+            raise InputError("grey masks with a mean transmission of 1", allowed="more than 0, less than 1")
         masks = random_grey_masks(views, shot.size, share, rng)
     elif open_share is not None:
         masks = random_masks(views, shot.size, open_share, rng)
