@@ -127,8 +127,9 @@ class Budget:
         return chosen, self._pace(rung.most, until_s, timed, settings, chosen), sentence
 
     def _pace(self, most: int, until_s: float, timed: Timed, of: Settings, chosen: Settings) -> Deadline:
+        # A pixel is blended with as many Gaussians as cover it: 1.6 times as many take some 1.2 times as long.
         threads = numba.get_num_threads()
-        dearer = slower_beside(chosen.fits, threads) * _population(chosen) / _population(of)
+        dearer = slower_beside(chosen.fits, threads) * math.sqrt(_population(chosen) / _population(of))
 
         def costs(share: float) -> float:
             moments = 1.0 if share < chosen.fit.mask_moments_from else timed.moments_per_mask

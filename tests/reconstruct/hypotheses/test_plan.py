@@ -51,4 +51,4 @@ def test_fits_side_by_side_take_longer_than_one_and_moments_cost(monkeypatch):
     one, two = (fit_seconds(Fits, Timed, beside) for beside in (1, 2))
     assert one < two < 2 * one
     # The population grows, up to twice as many at the end.
-    assert one == pytest.approx(0.1 * 400 * 1.5)
+    assert one == pytest.approx(0.1 * Settings().fit.iterations * 1.5)

@@ -1,6 +1,7 @@
 """Which fits are chosen within a budget, and that a fit ends in time although nothing was known of its pace."""
 
 import itertools
+import math
 from dataclasses import replace
 
 import numba
@@ -81,7 +82,7 @@ def test_more_time_never_buys_cheaper_fits_or_fewer_iterations_of_the_same():
 @pytest.mark.parametrize("threads", [1, 2, 8], indirect=True)
 def test_the_fits_are_expected_to_take_what_is_left_and_no_more(seconds, threads):
     settings, pace, _ = chosen(seconds)
-    dearer = settings.fit.gaussians_per_pixel / STANDARD.fit.gaussians_per_pixel
+    dearer = math.sqrt(settings.fit.gaussians_per_pixel / STANDARD.fit.gaussians_per_pixel)
     fit_s = settings.fit.iterations * 0.05 * 1.5 * slower_beside(settings.fits, threads) * dearer
     left_s = (1 - KEPT_BACK) * seconds - 5.0
     rung = rung_of(settings)

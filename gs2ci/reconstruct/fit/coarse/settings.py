@@ -20,9 +20,8 @@ from gs2ci.reconstruct.fit.scene.colours import ColourSettings
 from gs2ci.reconstruct.fit.scene.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.surfaces.surfaces import SurfaceSettings
 
-STANDARD_ITERATIONS: Final = 400
-"""Of the default schedule. Half as many take 0.7 of the time and lose up to 1 dB
-(docs/decisions/schedule.md)."""
+STANDARD_ITERATIONS: Final = 280
+"""Of the default schedule; more Gaussians make up for fewer iterations (docs/decisions/schedule.md)."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class CoarseSettings(Bounded):
     densify_every: PositiveInt = STANDARD_ITERATIONS // 8
     densify_from: float = 0.025
     densify_until: float = 0.75
-    gaussians_per_pixel: float | None = 0.25
+    gaussians_per_pixel: float | None = 0.4
     most_gaussians: int | None = None
     cap_from: float | None = None
     mask_moments_from: Annotated[float, Field(ge=0, le=1)] = 0.5
@@ -60,7 +59,7 @@ class CoarseSettings(Bounded):
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
     poses: PoseSettings = field(default_factory=PoseSettings)
-    hold_out: HoldOut = field(default_factory=HoldOut)
+    hold_out: HoldOut = field(default_factory=lambda: HoldOut().looking(STANDARD_ITERATIONS // 8))
     density: DensityRule = field(default_factory=Osgr.sparing)
     motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
     colours: ColourSettings = field(default_factory=ColourSettings)
