@@ -92,7 +92,7 @@ def softness(masks: F64) -> float:
 
 
 @dataclass(frozen=True)
-class Source:
+class SharpMasks:
     """Masks of open and closed elements, and how the stated ones were softened from them.
 
     Args:
@@ -108,7 +108,7 @@ class Source:
     blur_px2: float = 0.0
 
 
-def sources(masks: F32) -> list[Source]:
+def sources(masks: F32) -> list[SharpMasks]:
     """Find what masks of open and closed elements may have been that are stated as the given ones, [N, H, W].
 
     Returns:
@@ -177,7 +177,7 @@ class _Softened:
         softened: The same as softly as they are stated.
         levels: What they pass.
         how: In words.
-        shift_px, blur_px2: As for `Source`.
+        shift_px, blur_px2: As for `SharpMasks`.
     """
 
     opened: F64
@@ -188,11 +188,11 @@ class _Softened:
     blur_px2: float = 0.0
 
     @property
-    def sharp(self) -> Source:
+    def sharp(self) -> SharpMasks:
         """Get the masks before they were softened."""
-        return Source(_transmissions(self.levels.given_to(self.opened)), self.how, self.shift_px, self.blur_px2)
+        return SharpMasks(_transmissions(self.levels.given_to(self.opened)), self.how, self.shift_px, self.blur_px2)
 
-    def without_noise(self, stated: F64, least: float) -> list[Source]:
+    def without_noise(self, stated: F64, least: float) -> list[SharpMasks]:
         """Return the masks as soft as they are stated, [N, H, W], without what differs from mask to mask at one pixel.
 
         What is alike in all masks is a pixel's own: it is kept, as far as the mean over masks is not noise. Masks that
@@ -205,7 +205,7 @@ class _Softened:
             noise = residual.var(axis=0, ddof=1).mean() / len(stated)
             given += max(0.0, 1 - noise / max(float(np.mean(own**2)), TINY)) * own
         noise = float(np.mean((stated - given) ** 2))
-        return [Source(_transmissions(given), f"with noise of σ {np.sqrt(noise):.2g}")] if noise >= least else []
+        return [SharpMasks(_transmissions(given), f"with noise of σ {np.sqrt(noise):.2g}")] if noise >= least else []
 
     def left(self, stated: F64) -> float:
         """Return the share of the variance of the stated masks, [N, H, W], that they leave."""

@@ -18,7 +18,7 @@ from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import in_words
 from gs2ci.reconstruct.registration.rim import Rim, complete
-from gs2ci.reconstruct.registration.sharpen import Source, candidates
+from gs2ci.reconstruct.registration.sharpen import SharpMasks, candidates
 
 # Of restored elements that are blurred again as much as they are stated, to this variance, no blur is reported.
 _SAME_BLUR_PX2: Final = 0.01
@@ -55,7 +55,7 @@ def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
     return ways
 
 
-def from_source(shot: Shot, estimate: MisfitEstimate, source: Source) -> list[Way]:
+def from_source(shot: Shot, estimate: MisfitEstimate, source: SharpMasks) -> list[Way]:
     """Return a shot with the source of its masks, corrected by an estimate from these.
 
     What is said and recorded of the correction is how the masks differ from the stated ones.
