@@ -127,7 +127,7 @@ def test_the_density_rule_gets_its_turns_between_the_shares_of_the_schedule(movi
     assert len(turns) == 2  # at iterations 10 and 20; 30 is half the schedule
     start = turns[0][0]
     assert [gradient for _, _, gradient in turns] == [(count,) for count, _, _ in turns]
-    assert turns[0][1] == max(start, int(0.25 * 32 * 40))
+    assert turns[0][1] == max(start, int(QUICK.gaussians_per_pixel * 32 * 40))
     assert fit.curve[-1].gaussians <= turns[0][1]
 
 
@@ -157,7 +157,7 @@ def test_every_rule_lowers_the_loss_and_keeps_to_the_cap_and_the_thread_count_ch
             fits.append(run(moving_plane, settings)[0])
     first, other = fits
     assert first.curve[-1].loss < 0.8 * first.curve[0].loss
-    assert first.curve[-1].gaussians <= max(first.curve[0].gaussians, int(0.25 * 32 * 40))
+    assert first.curve[-1].gaussians <= max(first.curve[0].gaussians, int(QUICK.gaussians_per_pixel * 32 * 40))
     assert first.notes == ()
     first.scene.check()
     for key, tensor in first.scene.parameters().items():
