@@ -24,6 +24,8 @@ from gs2ci.reconstruct.geometry.path.motion import rays
 # eight. Ties of decoded rooms are off by up to 5 px where exposures lie in a row (`python -m tests.benchmarks ties`).
 LIMIT_SHARE: Final = 0.06
 """Displacement, as a share of the picture's width, from which on a place disagrees."""
+# A doubtful tie contradicts nothing: it has to be so many of its own standard errors away.
+_SURE: Final = 2.0
 # Points are compared at every so many pixels.
 _EVERY_PX: Final = 8
 
@@ -90,8 +92,18 @@ def disagreeing(ties: Ties, given: Mapping[int, Similarity]) -> dict[int, float]
 
     Arguments as of `displacements_px`. If two exposures alone see the same things, both disagree.
     """
-    widths = {number: one.geometry.inverse_depth.shape[1] for number, one in ties.tied.items()}
-    return {number: off for number, off in displacements_px(ties, given).items() if off > LIMIT_SHARE * widths[number]}
+    return {
+        number: off
+        for number, off in displacements_px(ties, given).items()
+        if off > max(LIMIT_SHARE * ties.tied[number].geometry.inverse_depth.shape[1], _SURE * _error_px(ties, number))
+    }
+
+
+def _error_px(ties: Ties, number: int) -> float:
+    """Return the standard error of what an exposure and its partners see, by their ties, in a picture: the largest."""
+    of = [ties.tied[k] for k in (number, *ties.tied[number].partners)]
+    shares = [float(np.hypot(np.radians(one.turn_error_deg), one.place_error)) for one in of]
+    return max(shares) * float(of[0].geometry.intrinsics[0, 0])
 
 
 def _displaced_px(pair: tuple[Tied, Tied], given: tuple[Similarity, Similarity]) -> float:

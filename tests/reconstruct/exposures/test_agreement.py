@@ -30,6 +30,16 @@ def test_one_whose_place_is_wrong_is_named_and_no_other(four_tied):
     assert list(disagreeing(four_tied, given)) == [2]
 
 
+def test_a_doubtful_tie_contradicts_nothing_that_its_errors_explain(four_tied):
+    given = reported()
+    given[2] = replace(given[2], translation=given[2].translation + np.array([10.0, 0, 0]))
+    off_px = disagreeing(four_tied, given)[2]
+    focal_px = four_tied.tied[2].geometry.intrinsics[0, 0]
+    for errors, wrong in ((0.3, [2]), (0.7, [])):
+        doubtful = tuple(replace(one, place_error=errors * off_px / focal_px) for one in four_tied.all)
+        assert list(disagreeing(Ties(doubtful, None), given)) == wrong
+
+
 def test_one_whose_place_lies_behind_the_others_is_infinitely_off(four_tied):
     given = reported()
     turned = Similarity(1.0, np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
