@@ -24,8 +24,6 @@ from gs2ci.reconstruct.geometry.path.motion import rays
 # eight. Ties of decoded rooms are off by up to 5 px where exposures lie in a row (`python -m tests.benchmarks ties`).
 LIMIT_SHARE: Final = 0.06
 """Displacement, as a share of the picture's width, from which on a place disagrees."""
-# A doubtful tie contradicts nothing: it has to be so many of its own standard errors away.
-_SURE: Final = 2.0
 # Points are compared at every so many pixels.
 _EVERY_PX: Final = 8
 
@@ -92,10 +90,11 @@ def disagreeing(ties: Ties, given: Mapping[int, Similarity]) -> dict[int, float]
 
     Arguments as of `displacements_px`. If two exposures alone see the same things, both disagree.
     """
+    # A doubtful tie contradicts nothing: a place has to be two standard errors of the tie away as well.
     return {
         number: off
         for number, off in displacements_px(ties, given).items()
-        if off > max(LIMIT_SHARE * ties.tied[number].geometry.inverse_depth.shape[1], _SURE * _error_px(ties, number))
+        if off > max(LIMIT_SHARE * ties.tied[number].geometry.inverse_depth.shape[1], 2 * _error_px(ties, number))
     }
 
 
