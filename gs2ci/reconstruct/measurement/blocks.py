@@ -28,6 +28,12 @@ def in_blocks(picture: F32 | F64) -> F64:
     return cut.reshape(down, across, BLOCK_PX**2, channels)
 
 
+def block_sums(values: F64, side_px: int) -> F64:
+    """Sum over blocks of this side, smaller ones at the end: [..., H, W] to [..., B, B']."""
+    rows, columns = (np.arange(0, length, side_px) for length in values.shape[-2:])
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1), np.float64)
+
+
 def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int) -> NDArray[np.intp]:
     """Return the number of the block of this side to which each pixel belongs, [P], from 0 without gaps.
 

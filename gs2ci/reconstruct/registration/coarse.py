@@ -170,32 +170,31 @@ class Tile:
 def find_tiles(
     seen: F64,
     known: F64,
-    expected: Callable[[F64], F64],
+    shift: F64,
     reach: int,
     element: float,
     elements: int = _TILE_ELEMENTS,
 ) -> list[Tile]:
-    """Find the displacement of every tile about an expected one.
+    """Find the displacement of every tile about an expected one; none if that is too large.
 
     Args:
         seen: From the measurement, high-passed, [H, W].
         known: From the masks, [H, W].
-        expected: The expected displacement (down, right), px, at a position (row, column).
+        shift: The expected displacement (down, right), px.
         reach: Largest deviation from it, px.
         element: Width of the masks' elements, px.
         elements: How many of them a tile is wide.
     """
     side = elements * max(1, round(element))
     margin = side + 2 * reach + _MARGIN_PX
-    padded = np.pad(known, margin)
+    padded, about = np.pad(known, margin), np.rint(shift).astype(int)
+    if np.abs(about).max() > _MARGIN_PX:
+        return []
     found = []
     for top in _starts(seen.shape[0], side):
         for left in _starts(seen.shape[1], side):
             piece = seen[top : top + side, left : left + side]
             middle = np.array([top + (piece.shape[0] - 1) / 2, left + (piece.shape[1] - 1) / 2])
-            about = np.rint(expected(middle)).astype(int)
-            if np.abs(about).max() > _MARGIN_PX:
-                continue
             row, column = np.array([top, left]) - about - reach + margin
             window = padded[row : row + piece.shape[0] + 2 * reach, column : column + piece.shape[1] + 2 * reach]
             peak = find_peak(np.pad(piece, reach), window, (reach, reach), element)

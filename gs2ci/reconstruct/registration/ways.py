@@ -38,7 +38,7 @@ class Way:
     @property
     def is_bent(self) -> bool:
         """Get whether masks are moved by a smooth field beyond the affine."""
-        return bool(self.misfit.placement.field.any())
+        return bool(self.misfit.field.any())
 
 
 def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
@@ -86,7 +86,7 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     """
     if not ways:
         return rival
-    bent = max((way.misfit for way in ways), key=lambda one: bent_px(one.placement, shot.size))
+    bent = max((way.misfit for way in ways), key=lambda one: bent_px(one, shot.size))
     # Readings may have been averaged where a mask is not known, and averages predict each other.
     unknown = np.any([way.rim.unknown for way in (*ways, *(() if rival is None else (rival,)))], axis=0)
     trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size), unknown)
@@ -100,8 +100,8 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
 
 def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
     """Return the corner that a field moves most; None without a field."""
-    if not misfit.placement.field.any():
+    if not misfit.field.any():
         return None
     corners = [(lower, right) for lower in (False, True) for right in (False, True)]
     places = (np.array(corners) - 0.5) * (np.array(size) - 1)
-    return corners[int(np.linalg.norm(misfit.placement.field_px(places), axis=1).argmax())]
+    return corners[int(np.linalg.norm(misfit.field_px(places), axis=1).argmax())]

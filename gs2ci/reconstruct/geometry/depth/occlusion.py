@@ -20,6 +20,7 @@ from scipy.ndimage import label, map_coordinates
 from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
 from gs2ci.reconstruct.geometry.depth.view_depths import in_picture
+from gs2ci.reconstruct.measurement.blocks import block_sums
 from gs2ci.reconstruct.measurement.lens import pixel_centres
 from gs2ci.render.conventions import NEAR
 
@@ -108,7 +109,7 @@ def occlusion(
         seen = shown[other][hidden]
         evidence[hidden] += np.sum((seen - far) ** 2 - (seen - near) ** 2, axis=-1)
     variance = float(shown.var(axis=(1, 2)).sum(axis=-1).mean()) * height * width * len(pairs)
-    return Occlusion(_by_block(evidence), variance)
+    return Occlusion(block_sums(evidence, _BLOCK_PX), variance)
 
 
 def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
@@ -140,7 +141,7 @@ def things(one: Occlusion, other: Occlusion) -> I64:
 
 def doubted_things(things: I64, doubted: Bool) -> Bool:
     """Return the blocks, [Bh, Bw], of those things of which a part is doubted, pixels [H, W]."""
-    found: Bool = np.isin(things, things[_by_block(doubted.astype(np.float64)) > 0]) & (things > 0)
+    found: Bool = np.isin(things, things[block_sums(doubted.astype(np.float64), _BLOCK_PX) > 0]) & (things > 0)
     return found
 
 
@@ -189,9 +190,3 @@ def _sampled(view: F64, places: F64) -> F64:
     """Sample a view, [H, W, C], at places, [P, 2] px; beyond its border, its border."""
     at = places[:, ::-1].T - 0.5
     return np.stack([map_coordinates(colour, at, order=1, mode="nearest") for colour in np.moveaxis(view, -1, 0)], -1)
-
-
-def _by_block(map_: F64) -> F64:
-    rows, columns = (np.arange(0, length, _BLOCK_PX) for length in map_.shape)
-    found: F64 = np.add.reduceat(np.add.reduceat(map_, rows, axis=0), columns, axis=1)
-    return found
