@@ -18,6 +18,13 @@ CHANCE: Final = 1e-3
 RIDGE: Final = 1e-6
 
 
+def ridged(gram: F64) -> F64:
+    """Return the matrices of normal equations, [..., K, K], raised so far that each can be inverted."""
+    size = gram.shape[-1]
+    least = np.maximum(RIDGE * np.trace(gram, axis1=-2, axis2=-1) / size, np.finfo(np.float64).tiny)
+    return np.asarray(gram + np.eye(size) * least[..., None, None], np.float64)
+
+
 def in_blocks(picture: F32 | F64) -> F64:
     """Cut a picture, [H, W, C], into blocks, zero beyond the border: [B, B', pixels of a block, C]."""
     height, width, channels = picture.shape

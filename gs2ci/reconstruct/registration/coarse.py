@@ -33,7 +33,6 @@ _LEVEL_PX: Final = 8.0
 # Tiles are so many elements wide and overlap by half; at most this many along each side of the picture.
 _TILE_ELEMENTS: Final = 48
 _MOST_TILES: Final = 9
-_LEAST_TILES: Final = 5
 # Tolerance of tiles: their peaks are in whole pixels, and a rotation smears them.
 _AGREEMENT_PX: Final = 1.5
 _MARGIN_PX: Final = 128
@@ -221,38 +220,38 @@ def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
         unit: F64 = np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
         return unit
 
-    solution = agreed(found, size, affine, _AGREEMENT_PX, _LEAST_TILES)
+    solution = agreed(found, size, affine)
     if solution is None:
         return None
     shift, *rows = solution.reshape(3, 2)
     return Placement.from_affine(np.eye(2) + np.transpose(rows), shift)
 
 
-def agreed(
-    found: list[Tile], size: tuple[int, int], design: Callable[[F64], F64], most_px: float, least: int
-) -> F64 | None:
+def agreed(found: list[Tile], size: tuple[int, int], design: Callable[[F64], F64]) -> F64 | None:
     """Find the displacement on which sure tiles agree; those that deviate from the others are dropped, the worst first.
+
+    Nearly twice as many tiles must be left as determine the unknowns.
 
     Args:
         found: The tiles.
         size: Height and width of the picture, px.
         design: Displacements of positions from the middle, [K, 2], by a unit of each unknown, [P, K, 2].
-        most_px: Tiles that deviate by more are dropped.
-        least: So many must be left.
 
     Returns:
         The unknowns, [P]; None if too few tiles agree, or they do not determine them.
     """
     sure = [tile for tile in found if tile.peak.is_sure]
-    while len(sure) >= least:
+    while sure:
         unit = design(np.array([tile.middle for tile in sure]) - (np.array(size) - 1) / 2)
+        if len(sure) < len(unit) - 1:
+            return None
         moved = np.array([(tile.peak.down_px, tile.peak.right_px) for tile in sure])
         solution, _, rank, _ = np.linalg.lstsq(unit.reshape(len(unit), -1).T, moved.ravel(), rcond=None)
         if rank < len(unit):
             return None
         apart = np.linalg.norm(moved - np.tensordot(solution, unit, axes=1), axis=1)
         worst = int(apart.argmax())
-        if apart[worst] <= most_px:
+        if apart[worst] <= _AGREEMENT_PX:
             return np.asarray(solution, np.float64)
         del sure[worst]
     return None

@@ -22,9 +22,6 @@ MATTERS_PX: Final = 0.05
 _GROUPS: Final = (("radial_px",), BENT)
 _BY_TILES: Final = (*AFFINE, *LOW)
 _GRID: Final = 7
-# Tiles whose displacement, in whole pixels, deviates by more than this from the field of the others are dropped.
-_AGREEMENT_PX: Final = 1.2
-_LEAST_TILES: Final = 12
 
 
 def find_field(problem: Problem, start: Misfit, tiles: list[Tile]) -> tuple[MisfitEstimate | None, MisfitEstimate]:
@@ -70,7 +67,7 @@ def _by_tiles(tiles: list[Tile], placement: Misfit, size: tuple[int, int]) -> Mi
     if not any((tile.peak.down_px, tile.peak.right_px) != (0.0, 0.0) for tile in tiles if tile.peak.is_sure):
         return None
     steps = {name: one.step_at(float(np.hypot(*size)) / 2, 1.0) for name, one in BY_NAME.items() if name in _BY_TILES}
-    found = agreed(tiles, size, lambda places: placement.derivatives(steps, places), _AGREEMENT_PX, _LEAST_TILES)
+    found = agreed(tiles, size, lambda places: placement.derivatives(steps, places))
     if found is None:
         return None
     changes = zip(steps.items(), found.tolist(), strict=True)

@@ -19,8 +19,6 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.run_figures import PlacementSection
 from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX, GEOMETRY
 
-# A pixel up to this far beyond the outermost centre still sees more of that element than of the unknown area.
-_ON_THE_RIM_PX: Final = 0.5
 # Displacements of the field change by hundredths from pixel to pixel: each round gains two digits.
 _INVERSIONS: Final = 6
 
@@ -131,8 +129,8 @@ class Placement(PlacementSection):
 
     def known(self, size: tuple[int, int]) -> Bool:
         """Return the pixels that the displaced masks still cover, [H, W]."""
-        farthest = (np.array(size) - 1) / 2 + _ON_THE_RIM_PX
-        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= farthest, axis=-1))
+        # Up to half a pixel beyond the outermost centre a pixel sees more of that element than of the unknown area.
+        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= np.array(size) / 2, axis=-1))
 
 
 def from_middle(size: tuple[int, ...]) -> F64:

@@ -86,13 +86,16 @@ def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitE
     let_in = partial(_let_in, problem)
     tells_light = _clipped_share(shot) < _MOST_CLIPPED and bent_growth(shot) is None
     estimate = refine(problem, start, (*AFFINE, *LIGHT) if tells_light else AFFINE)
-    asked, found, wider = [estimate], settled(problem, estimate, let_in), None
+    asked, found = [estimate], settled(problem, estimate, let_in) or MisfitEstimate(Misfit(), {})
+    more: list[MisfitEstimate] = []
     if edges and tells_light and softness(one_of(shot.masks)) <= CRISP:
         wider, all_edges = _with_edges(problem, found, let_in)
+        more = [] if wider is None else [wider]
         asked.append(replace(all_edges, errors={name: all_edges.errors[name] for name in EDGES}))
-    lit = _with_either(problem, found, let_in) if tells_light and wider is None else []
-    straightened = [_beside_the_other(one, estimate) for one in (found, *lit, wider) if one is not None]
-    closest = straightened[-1] if straightened else MisfitEstimate(Misfit(), {})
+    if tells_light and not more:
+        more = _with_either(problem, found, let_in)
+    straightened = [_beside_the_other(one, estimate) for one in (found, *more) if one.errors]
+    closest = straightened[-1] if straightened else found
     whole = _problem(shot, element, whole=True)
     known = fine_pattern(closest.misfit.of_sum(whole.masks), element)
     tiles = find_tiles(readable(shot, element), known, np.zeros(2), _TILE_REACH, element, _TILE_ELEMENTS)
@@ -150,7 +153,7 @@ def _with_its_light(
     return MisfitEstimate(field.misfit, {**field.errors, **({} if along is None else along.errors)})
 
 
-def _with_either(problem: Problem, found: MisfitEstimate | None, let_in: _LetIn) -> list[MisfitEstimate]:
+def _with_either(problem: Problem, found: MisfitEstimate, let_in: _LetIn) -> list[MisfitEstimate]:
     """Estimate a leak and a black level, each without the other, if neither was accepted.
 
     They are so similar that neither is significant if both are estimated, however large one of them is.
@@ -158,15 +161,15 @@ def _with_either(problem: Problem, found: MisfitEstimate | None, let_in: _LetIn)
     Returns:
         Estimates with one of them in addition, as far as they are significant; the one that explains more comes last.
     """
-    before = () if found is None else tuple(found.errors)
-    if set(_ALIKE) & set(before):
+    if set(_ALIKE) & set(found.errors):
         return []
-    start = Misfit() if found is None else found.misfit
-    asked = [refine(problem, start, tuple(k for k in NAMES if k in {*before, "blur_px2", name})) for name in _ALIKE]
-    kept = [settled(problem, one, let_in) for one in asked]
-    sure = [one for one in kept if one is not None and set(_ALIKE) & set(one.errors)]
+    asked = [_with(problem, found, {name, "blur_px2"}, name, let_in)[0] for name in _ALIKE]
+    start = found.misfit
     weights = pixel_weights(problem.errors(start), start.known(problem.size))
-    return sorted(sure, key=lambda one: -float(np.sum(weights * problem.errors(one.misfit) ** 2)))
+    return sorted(
+        (one for one in asked if one is not None),
+        key=lambda one: -float(np.sum(weights * problem.errors(one.misfit) ** 2)),
+    )
 
 
 def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEstimate:
@@ -180,22 +183,29 @@ def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEsti
 
 
 def _with_edges(
-    problem: Problem, found: MisfitEstimate | None, let_in: _LetIn
+    problem: Problem, found: MisfitEstimate, let_in: _LetIn
 ) -> tuple[MisfitEstimate | None, MisfitEstimate]:
-    """Estimate whether open elements are wider or narrower than stated, and the other parameters along with it.
+    """Estimate whether open elements are wider or narrower than stated; see `_with`.
 
     This comes last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and
     leak are estimated again along with the width, the black level only if there was one before: leak and black level
     are so similar that neither is significant if both are estimated.
+    """
+    (width,) = EDGES
+    return _with(problem, found, {width, "blur_px2", "leak"}, width, let_in)
+
+
+def _with(
+    problem: Problem, found: MisfitEstimate, more: set[str], wanted: str, let_in: _LetIn
+) -> tuple[MisfitEstimate | None, MisfitEstimate]:
+    """Estimate more parameters along with those found, of which one is wanted.
 
     Returns:
-        An estimate with the width, None if it is not significant; and that of all parameters.
+        An estimate with that one, None if it is not significant; and that of all parameters.
     """
-    before = () if found is None else tuple(found.errors)
-    names = tuple(name for name in NAMES if name in {*before, "blur_px2", "leak", *EDGES})
-    asked = refine(problem, Misfit() if found is None else found.misfit, names)
-    wider = settled(problem, asked, let_in) if set(EDGES) <= set(let_in(asked)) else None
-    return None if wider is None or not set(EDGES) <= set(wider.errors) else wider, asked
+    asked = refine(problem, found.misfit, tuple(name for name in NAMES if name in {*found.errors, *more}))
+    kept = settled(problem, asked, let_in) if wanted in let_in(asked) else None
+    return kept if kept is not None and wanted in kept.errors else None, asked
 
 
 def _problem(shot: Shot, element: float, *, whole: bool = False) -> Problem:

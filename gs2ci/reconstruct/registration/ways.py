@@ -6,7 +6,6 @@ that judge them (`admission`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -16,12 +15,9 @@ from gs2ci.reconstruct.registration.admission import Corner, Trial, counted, lev
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import in_words
+from gs2ci.reconstruct.registration.parameters import BY_NAME, in_words
 from gs2ci.reconstruct.registration.rim import Rim, complete
 from gs2ci.reconstruct.registration.sharpen import SharpMasks, candidates
-
-# Of restored elements that are blurred again as much as they are stated, to this variance, no blur is reported.
-_SAME_BLUR_PX2: Final = 0.01
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,8 @@ def from_source(shot: Shot, estimate: MisfitEstimate, source: SharpMasks) -> lis
     for way in ways_of(replace(shot, masks=source.masks), estimate):
         moved = way.misfit.moved(*source.shift_px)
         misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
-        alike = abs(misfit.blur_px2) < _SAME_BLUR_PX2
+        # Restored elements may be blurred again as much as they are stated.
+        alike = abs(misfit.blur_px2) < BY_NAME["blur_px2"].least
         errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}
         said = "; ".join(filter(None, (how, in_words(misfit.values(), errors))))
         found.append(replace(way, is_filtered=False, misfit=misfit, errors=errors, found=said))
