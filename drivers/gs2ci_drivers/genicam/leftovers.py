@@ -18,11 +18,21 @@ from gs2ci_drivers.failures import DeviceFaultError, RefusedError
 from gs2ci_drivers.genicam.nodes import GAINS, Features, in_decibels
 from gs2ci_drivers.ports import Feature, FeatureValue
 
+DEBOUNCERS: Final = (
+    "LineDebouncerTime",
+    "LineDebouncerTimeAbs",
+    "LineDebouncerHighTimeAbs",
+    "LineDebouncerLowTimeAbs",
+    "BslInputFilterTime",
+)
+"""Times for which a line's level has to last before it counts, chosen by LineSelector: a trigger acts later by as much,
+and one that is shorter is lost (docs.baslerweb.com/line-debouncer and /input-filter; Baumer VLXT manual, Debouncer)."""
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
 NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "SequencerMode": "Off",
     "TriggerDivider": 1,
     "TriggerMultiplier": 1,
+    **dict.fromkeys(DEBOUNCERS, 0.0),
     "ImageCompressionMode": "Off",
     "BinningHorizontal": 1,
     "BinningVertical": 1,
@@ -134,7 +144,8 @@ class Leftovers:
             neutral = min(max(float(neutral), found.low), found.high)
         for entry in self._entries(found):
             left = self._features.read(name)
-            if _same(left, neutral, found):
+            # Of a range of 20 ms, ten microseconds are nothing, and of a trigger pulse all.
+            if left == neutral or (name not in DEBOUNCERS and _same(left, neutral, found)):
                 continue
             label = f"{name}[{entry}]" if entry else name
             in_force = self._features.write(name, int(neutral) if found.kind == "integer" else neutral)

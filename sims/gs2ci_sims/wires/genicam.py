@@ -81,6 +81,9 @@ class GenicamModel(ShutterModel):
         time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
         auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
         processing: Whether it has further features that change readings (`genicam_processing`).
+        debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
+            lasted for that long, so that edges act later by as much and shorter pulses are lost
+            (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
     """
 
     height: int = 64
@@ -106,6 +109,7 @@ class GenicamModel(ShutterModel):
     time_unit: Literal["us", "ms", "ns", "px"] = "us"
     auto_gain: float = 0.0
     processing: bool = False
+    debouncer_us: tuple[float, float] | None = None
 
 
 def bits_of(name: str) -> int:
@@ -186,6 +190,7 @@ class GenicamTwin:
             active_low=lambda: self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge",
             delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
             least_period_s=self._least_period_s,
+            debounce_s=self._debounce_s,
         )
 
     @property
@@ -392,6 +397,11 @@ class GenicamTwin:
         per_us = US / self._unit_s
         return 10_000.0 * per_us, lambda: 20.0 * per_us, lambda: 10e6 * per_us, 0.5 * per_us
 
+    def _debounce_s(self) -> float:
+        return (
+            float(self.nodes.of("LineDebouncerTime", self.model.trigger_input)) * US if self.model.debouncer_us else 0.0
+        )
+
     def _least_period_s(self) -> float:
         limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
         return 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
@@ -467,6 +477,12 @@ class GenicamTwin:
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
         self._vary(nodes)
+        if model.debouncer_us is not None:
+            found_us, least_us = model.debouncer_us
+            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
+            nodes["LineDebouncerTime"] = Node(
+                *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
+            )
         if model.tells == "time":
             nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
         if model.tells == "rate":

@@ -33,6 +33,7 @@ CATEGORIES: Final = {
     "LUTControl": ("LUT",),
     "ColorTransformationControl": ("ColorTransformation",),
     "DeviceControl": ("Device", "Timestamp"),
+    "DigitalIOControl": ("Line",),
     "ImageProcessingControl": ("",),
 }
 """Category -> how the names of its features begin; the last one holds the rest."""

@@ -63,6 +63,34 @@ def test_a_delay_below_the_least_is_refused_with_the_limits():
         Bench({"trigger_delay_s": 4e-6}, least_delay_us=9.0).start()
 
 
+# ---- a line's debouncer
+
+
+@pytest.mark.parametrize(("left_us", "least_us"), [(1000.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
+def test_a_debouncer_that_delays_triggers_is_set_to_its_least_and_that_is_counted(left_us, least_us):
+    """At 1 ms, as another program may leave it, each mask would be exposed a millisecond late, without a word."""
+    one = Bench(debouncer_us=(left_us, least_us))
+    one.start()
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert one.world.exposures[-1].start_s == pytest.approx(rise_s + least_us * 1e-6, abs=1e-9)
+    assert one.sensor.settings.trigger_delay_s == pytest.approx(least_us * 1e-6)
+    told = [line for line in one.sensor.incidents if "LineDebouncerTime" in line]
+    assert len(told) == (2 if left_us > least_us else 0)  # one for each line
+
+
+def test_a_debouncer_that_the_rig_file_asks_for_is_kept_and_counted_and_swallows_shorter_pulses():
+    wanted = {"features": {"LineSelector": "Line1", "LineDebouncerTime": 500.0}}
+    one = Bench(wanted, debouncer_us=(0.0, 0.0))
+    one.start()
+    assert one.sensor.settings.trigger_delay_s == pytest.approx(500e-6)
+    one.world.clock.after(2e-3, lambda: one.world.bus.pulse(LINE, 100e-6))
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert [exposure.start_s for exposure in one.world.exposures] == [pytest.approx(rise_s + 500e-6, abs=1e-9)]
+    assert one.twin.nodes.read("LineSelector") == "Line1"
+
+
 # ---- C2: locked while the trigger is on
 
 
