@@ -84,6 +84,8 @@ class GenicamModel(ShutterModel):
         debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
             lasted for that long, so that edges act later by as much and shorter pulses are lost
             (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
+        shutters: Entries of SensorShutterMode, that at power-up first; none: it has no such feature. Behind "Rolling"
+            each quarter of the rows begins and ends later than the one above it, the last one by `readout_s`.
     """
 
     height: int = 64
@@ -110,6 +112,7 @@ class GenicamModel(ShutterModel):
     auto_gain: float = 0.0
     processing: bool = False
     debouncer_us: tuple[float, float] | None = None
+    shutters: tuple[str, ...] = ()
 
 
 def bits_of(name: str) -> int:
@@ -411,6 +414,12 @@ class GenicamTwin:
         down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
         size = {"height": height * down, "width": width * right}
         pixels = self._world.integrate(exposed.start_s, exposed.end_s, **size, bits=bits)
+        if self.model.shutters and self.nodes.read("SensorShutterMode") == "Rolling":
+            later_s, quarter = self.model.readout_s / 3, -(-size["height"] // 4)
+            for k in (1, 2, 3):
+                rows = slice(k * quarter, (k + 1) * quarter)
+                begun_s, ended_s = (when_s + k * later_s for when_s in (exposed.start_s, exposed.end_s))
+                pixels[rows] = self._world.integrate(begun_s, ended_s, **size, bits=bits)[rows]
         top = (1 << bits) - 1
         binned = pixels.reshape(height, down, width, right).sum(axis=(1, 3), dtype=np.uint32)
         shares = np.minimum(binned, top) / top
@@ -483,6 +492,8 @@ class GenicamTwin:
             nodes["LineDebouncerTime"] = Node(
                 *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
             )
+        if model.shutters:
+            nodes["SensorShutterMode"] = Node("enumeration", model.shutters[0], symbols=model.shutters, locked=True)
         if model.tells == "time":
             nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
         if model.tells == "rate":

@@ -27,7 +27,7 @@ CATEGORIES: Final = {
         "Reverse",
         "TestPattern",
     ),
-    "AcquisitionControl": ("Acquisition", "Trigger", "Exposure"),
+    "AcquisitionControl": ("Acquisition", "Trigger", "Exposure", "SensorShutter"),
     "AnalogControl": ("Gain", "Gamma", "Black", "Balance"),
     "ChunkDataControl": ("Chunk",),
     "LUTControl": ("LUT",),

@@ -91,6 +91,41 @@ def test_a_debouncer_that_the_rig_file_asks_for_is_kept_and_counted_and_swallows
     assert one.twin.nodes.read("LineSelector") == "Line1"
 
 
+# ---- rows one after the other
+
+
+class Flash:
+    """Light of 1000 DN in the millisecond from `begin_s` on."""
+
+    begin_s = 0.0
+
+    def collect(self, exposure: Exposure) -> np.ndarray:
+        on_s = min(exposure.end_s, self.begin_s + 1e-3) - max(exposure.start_s, self.begin_s)
+        return np.full((exposure.height, exposure.width), round(1e6 * max(on_s, 0.0)), np.uint16)
+
+
+@pytest.mark.parametrize("others", [("Global",), ("GlobalReset",), ("GlobalResetRelease", "Global")])
+def test_a_shutter_that_rolls_is_set_to_one_that_shows_all_masks_to_all_rows(others):
+    one = Bench(shutters=("Rolling", *others))
+    one.start()
+    assert one.sensor.settings.recorded["SensorShutterMode"] == max(others, key=lambda name: name == "Global")
+    assert any("SensorShutterMode was Rolling" in line for line in one.sensor.incidents)
+
+
+def test_a_camera_that_can_only_roll_shows_masks_to_some_rows_and_that_is_told():
+    one = Bench(shutters=("Rolling",), readout_s=6e-3)
+    one.world.light = Flash()
+    one.start()
+    one.world.light.begin_s = one.pulse()
+    rows = one.sensor.read(0.5).pixels.mean(axis=1)
+    assert rows[:16] == pytest.approx(1000, abs=1)
+    assert (rows[16:] == 0).all()
+    assert any("SensorShutterMode is Rolling" in line for line in one.sensor.incidents)
+    wanted = Bench({"features": {"SensorShutterMode": "Rolling"}}, shutters=("Global", "Rolling"))
+    wanted.start()
+    assert wanted.twin.nodes.read("SensorShutterMode") == "Rolling"
+
+
 # ---- C2: locked while the trigger is on
 
 
