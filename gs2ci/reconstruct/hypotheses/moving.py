@@ -15,7 +15,7 @@ Here: when, from which start, and the record of it. Not here: the motion (`fit.s
 choice (`race`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -32,8 +32,10 @@ from gs2ci.reconstruct.fit.scene.mask_moments import mask_times
 from gs2ci.reconstruct.fit.scene.motion import moving_share
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.depth.view_depths import largest_turn_deg, turns_far
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE
+from gs2ci.reconstruct.geometry.kinds import PathSource
+from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.hypotheses.hypothesis import Origin
-from gs2ci.reconstruct.hypotheses.rest import from_rest
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians
@@ -217,7 +219,10 @@ def rested(first: FirstLook) -> FirstLook:
 
     A given path is kept, and so is a camera that was found to stand still or only to turn.
     """
-    return from_rest(first) if first.geometry.has_path and first.geometry.is_estimated else first
+    if not (first.geometry.has_path and first.geometry.is_estimated):
+        return first
+    rest = at_rest(first.geometry)
+    return replace(first, geometry=replace(rest, source=PathSource.TRACKS, notes=(*rest.notes, PLANE_NOTE)))
 
 
 def ask(holdout: Holdout, views: F32) -> LeftByMotion:
