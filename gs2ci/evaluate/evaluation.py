@@ -1,6 +1,6 @@
 """Evaluating a finished run: by a truth given afterwards, by the sensor's noise, by views from other poses.
 
-Here: which figures follow from which files. Not here: the metrics (one file each), the run's own report
+Here: which figures follow from which data. Not here: the metrics (one file each), the run's own report
 (`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
 """
 
@@ -13,20 +13,18 @@ from typing import Any, Final
 import numpy as np
 import torch
 
-from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_with_file
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.json_text import parse_json, plain_json
-from gs2ci.core.lens import COEFFICIENTS
+from gs2ci.core.json_text import plain_json
 from gs2ci.core.records import Shot
-from gs2ci.core.storage import read_shot
 from gs2ci.core.whole_file import check_earlier, write_whole
-from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import SensorNoise, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import EXPOSED_NAME, REGISTERED_NAME, MeasurementSection, Report, read_report
+from gs2ci.evaluate.pages.run_evidence import FinishedRun
+from gs2ci.evaluate.report import MeasurementSection
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -36,41 +34,6 @@ from gs2ci.render.ply import read_ply
 SCHEMA: Final = "gs2ci.evaluation/2"
 SAME_SCALE: Final = 1e-3
 """Measurements whose means differ by less than this, relatively, count as of one scale: it is 0.009 dB."""
-
-
-@dataclass(frozen=True)
-class FinishedRun:
-    """The contents of a run folder, read back.
-
-    Args:
-        report: Its report.
-        views: Recovered, [N, H, W, 3].
-        world_to_camera: [N, 4, 4].
-        intrinsics: [3, 3], px.
-        depth: [N, H, W], or None if none was found.
-        folder: The folder.
-        distortion: Distortion of the lens, [5] as in `Shot`; None for a pinhole.
-        depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
-        depth_confidence: Likewise.
-        views_error: Standard error of the views' values, [N, H, W]; None in runs without.
-        depth_error: Standard error of depth, in its unit, [N, H, W]; None in runs without standard errors of depth.
-        registered: The measurement as corrected by the run's registration; None if it corrected nothing.
-        exposed: The light integrated during each mask's time, if the views show the middle of that time.
-    """
-
-    report: Report
-    views: F32
-    world_to_camera: F64
-    intrinsics: F64
-    depth: F32 | None
-    folder: Path
-    distortion: F64 | None = None
-    depth_spread: F32 | None = None
-    depth_confidence: F32 | None = None
-    depth_error: F32 | None = None
-    views_error: F32 | None = None
-    registered: Shot | None = None
-    exposed: F32 | None = None
 
 
 @dataclass(frozen=True)
@@ -92,41 +55,6 @@ class ReferenceData:
     noise: SensorNoise | None = None
     lpips: PerceptualDistance | None = None
     exposures: tuple[Shot, ...] = ()
-
-
-def read_run(folder: Path) -> FinishedRun:
-    """Read a run folder back.
-
-    Raises:
-        StorageError: It is no run folder, or a file of it is missing or truncated.
-    """
-    report = read_report(folder)
-    try:
-        cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
-        intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
-        maps = {
-            name: folder / f"{name}.npy"
-            for name in ("depth", "depth_spread", "depth_confidence", "depth_error", "views_error")
-        }
-        registered, exposed = folder / REGISTERED_NAME, folder / EXPOSED_NAME
-        lens = np.array([float(cameras.get(name, 0.0)) for name in COEFFICIENTS])
-        return FinishedRun(
-            report=report,
-            views=np.load(folder / "views.npy"),
-            world_to_camera=poses_of_transforms(cameras),
-            intrinsics=intrinsics,
-            folder=folder,
-            distortion=lens if lens.any() else None,
-            **{name: np.load(path) if path.is_file() else None for name, path in maps.items()},
-            registered=read_shot(registered) if registered.is_file() else None,
-            exposed=np.load(exposed) if exposed.is_file() else None,
-        )
-    except Gs2ciError:
-        raise
-    except Exception as error:  # as in `read_evidence`
-        raise StorageError(
-            f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
-        ) from error
 
 
 def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
@@ -226,7 +154,7 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
     """Code views as the run did: with the weights that it corrected, if any."""
     lit = replace(shot, weights=shot.weights_by(brightness))
-    return Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
+    return Coding.of(lit).forward(torch.from_numpy(np.array(views))).numpy()
 
 
 def _notes(measured: MeasurementSection, shot: Shot) -> list[Finding]:

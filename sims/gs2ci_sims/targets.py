@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.views import LensDistortion
 from gs2ci_sims.radiance import Renderer, binned, with_margin
 from gs2ci_sims.scene import Scene
 

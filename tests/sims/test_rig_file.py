@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.masks import Misregistration
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.exposure import integrate
 from gs2ci_sims.light_path import EffectChain

@@ -3,8 +3,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.noises import Prnu
+from gs2ci_sims.effects.views import Defocus
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import SensorFigures

@@ -1,10 +1,10 @@
-"""Denoisers of plug-and-play decoders: the `Denoiser` protocol, and two that need no weights.
+"""Denoisers of plug-and-play decoders: what a `Denoiser` is, and two that need no weights.
 
 Here: total variation and non-local means. Not here: learned denoisers (`learned.onnx_denoiser`), the decoders (`pnp`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from skimage.restoration import denoise_nl_means
@@ -14,35 +14,22 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
 from gs2ci.reconstruct.threads import in_threads
 
-
-class Denoiser(Protocol):
-    """Removes white noise from images."""
-
-    def __call__(self, views: F32, sigma: float) -> F32:
-        """Denoise a stack.
-
-        Args:
-            views: [N, C, H, W] float32 with C = 1 or 3, full scale 1, not clamped. The denoiser may overwrite it.
-            sigma: Standard deviation of the noise, full scale 1.
-
-        Returns:
-            The same shape.
-        """
+Denoiser = Callable[[F32, float], F32]
+"""Removes white noise of a standard deviation, full scale 1, from a stack, [N, C, H, W] float32 with C = 1 or 3, full
+scale 1, not clamped, which it may overwrite; the result has the same shape."""
 
 
-@dataclass(frozen=True)
-class Clamped:
-    """Another denoiser, whose results are kept between black and white.
+def clamped(denoise: Denoiser) -> Denoiser:
+    """Return a denoiser whose results are kept between black and white.
 
     A step towards the measurement from views outside that range explains it by light that no scene sends.
     """
 
-    denoise: Denoiser
-
-    def __call__(self, views: F32, sigma: float) -> F32:
-        """Denoise; arguments as for `Denoiser`."""
-        denoised = self.denoise(views, sigma)
+    def within(views: F32, sigma: float) -> F32:
+        denoised = denoise(views, sigma)
         return np.clip(denoised, 0, 1, out=denoised)
+
+    return within
 
 
 @dataclass(frozen=True)

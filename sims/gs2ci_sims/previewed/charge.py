@@ -12,7 +12,7 @@ from gs2ci.core.arrays import F64
 from gs2ci_sims.alignment import WeightSet
 from gs2ci_sims.effects.base import Charging, Effect, Lowering, having
 from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
-from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.noises import ShotNoise
 from gs2ci_sims.previewed.motion import PreviewedMotion
 
 

@@ -20,13 +20,13 @@ either). Not here: the library's binary interface (tests build a stand-in in C f
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from errno import EBUSY, EIO, ENODEV
 from typing import Any, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import U8
 from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import Event, World
 
 STALE = declare("alp.stale", "the device still shows the sequence of a session that was killed")
@@ -66,7 +66,7 @@ class _Pictures:
         return self.illuminate_us or self.picture_us - DARK_US
 
 
-class AlpTwin:
+class AlpTwin(Plugged["_Session"]):
     """A device with the library above it, as a `LibraryPort`.
 
     Args:
@@ -90,42 +90,31 @@ class AlpTwin:
         memory: int = 43_690,
         temperature_c: float | None = 36.5,
     ) -> None:
+        super().__init__(faults)
         self.world = world
-        self.faults = faults or FaultSet()
         self.size = (height, width)
         self.memory = memory
         self.temperature_c = temperature_c
-        self.plugged = True
         self._line = f"{name}.out"
-        self._session: _Session | None = None
         self._event: Event | None = None
         self._reset()
 
-    def open(self) -> "_Session":
-        """Load the library, as a process does; one at a time here.
-
-        Raises:
-            OSError: EBUSY while another session is open, ENODEV when unplugged.
-        """
-        if not self.plugged:
-            raise OSError(ENODEV, "No such device")
-        if self._session is not None:
-            raise OSError(EBUSY, "Device or resource busy")
+    def _begin_session(self) -> "_Session":
+        """Load the library, as a process does; one at a time here."""
         if self.faults.take(STALE):
             self._sequences[99] = _Pictures(np.full((1, *self.size), 255, np.uint8), uninterrupted=True)
             self._begin(self._sequences[99], endless=True)
-        self._session = _Session(self)
-        return self._session
+        return _Session(self)
 
-    def unplug(self) -> None:
-        """Unplug it; its pictures and settings are lost, and it goes dark."""
-        self.plugged = False
-        self._session = None
+    def _lose(self) -> None:
+        """Lose pictures and settings, and go dark."""
         self._reset()
 
-    def plug_in(self) -> None:
-        """Plug it in again; a new session has to be opened."""
-        self.plugged = True
+    def _closed(self) -> None:
+        """React as the driver does, which frees a device that its process leaves allocated."""
+        if self.allocated:
+            self._end()
+            self._reset()
 
     def _reset(self) -> None:
         self.allocated = False
@@ -362,12 +351,8 @@ class AlpTwin:
         self._shown = self._queued = None
 
 
-class _Session:
+class _Session(Session[AlpTwin]):
     """The library in one process: a `LibraryPort`."""
-
-    def __init__(self, twin: AlpTwin) -> None:
-        self._twin = twin
-        self._open = True
 
     def call(self, function: str, numbers: Sequence[int], data: bytes = b"") -> int:
         """Call a function."""
@@ -377,19 +362,8 @@ class _Session:
         """Call a function that writes a number."""
         return self._answer(function, numbers, b"")
 
-    def close(self) -> None:
-        """Unload it: the driver frees a device that its process leaves allocated."""
-        if self._open:
-            self._open = False
-            if self._twin._session is self:
-                self._twin._session = None
-                if self._twin.allocated:
-                    self._twin._end()
-                    self._twin._reset()
-
     def _answer(self, function: str, numbers: Sequence[int], data: bytes) -> tuple[int, int]:
-        if not self._open:
-            raise OSError(EIO, "the library was closed")
+        self._require_open()
         return self._twin.answer(function, numbers, data)
 
 
