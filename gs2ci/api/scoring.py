@@ -68,9 +68,9 @@ def evaluate(
         check_whole("--index", index, 0)
     from gs2ci.core.summed import summed
     from gs2ci.evaluate import evaluation
-    from gs2ci.evaluate.noise import SensorNoise
+    from gs2ci.evaluate.evaluation import exposures_of
+    from gs2ci.evaluate.metrics import SensorNoise
     from gs2ci.evaluate.novel_views import read_novel_views
-    from gs2ci.evaluate.of_exposures import exposures_of
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.reconstruct.paper import perceptual
 

@@ -1,10 +1,11 @@
 """Evaluating a finished run: by a truth given afterwards, by the sensor's noise, by views from other poses.
 
-Here: which figures follow from which data. Not here: the metrics (one file each), the run's own report
-(`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
+Here: which figures follow from which data, and which of several shots belongs to which views of a joint run. Not here:
+the metrics (one file each), the run's own report (`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
 """
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -20,11 +21,10 @@ from gs2ci.core.json_text import plain_json
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.depth import depth_errors, parallax_of
-from gs2ci.evaluate.metrics import image_scores, measurement_residual
-from gs2ci.evaluate.noise import SensorNoise, chi_squared_per_pixel
+from gs2ci.evaluate.metrics import SensorNoise, chi_squared_per_pixel, image_scores, measurement_residual
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
 from gs2ci.evaluate.pages.run_evidence import FinishedRun
-from gs2ci.evaluate.report import MeasurementSection
+from gs2ci.evaluate.report import MeasurementSection, Report
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -211,3 +211,35 @@ def _novel(run: FinishedRun, shot: Shot, novel: NovelViews) -> dict[str, Any]:
         **score_novel_views(read_ply(run.folder / "scene.ply"), alignment, intrinsics, novel),
         "alignment_free": alignment.free,
     }
+
+
+def exposures_of(report: Report, shots: Sequence[Shot]) -> list[Shot]:
+    """Return the shots of a run in the order of its views.
+
+    Shots are found by the names of the run's exposures, in any order; those that it left out are passed over. If names
+    do not tell, as many as the run has are taken as they are given.
+
+    Args:
+        report: Of the run.
+        shots: One or more; of a run of one exposure, that one.
+
+    Raises:
+        InputError: They are not those of the run: some are missing, or there are more of one name than it has.
+    """
+    wanted = [one.name for one in report.exposures] or [report.name]
+    given, of_run = Counter(shot.name for shot in shots), Counter(wanted)
+    lacking = [name for name in of_run if given[name] < of_run[name]]
+    doubtful = [name for name in of_run if given[name] > of_run[name]]
+    if len(shots) == len(wanted) and lacking:
+        return list(shots)
+    if lacking or doubtful:
+        told = f"{', '.join(lacking or doubtful)} {'is missing' if lacking else 'is there more than once'}"
+        raise InputError(
+            f"{len(shots)} exposures beside a run of {len(wanted)}: {told}",
+            allowed="the exposures that were reconstructed",
+            remedy="give the files of the run, all exposures of each, in the same order; see --index",
+        )
+    by_name: dict[str, list[Shot]] = {}
+    for shot in shots:
+        by_name.setdefault(shot.name, []).append(shot)
+    return [by_name[name].pop(0) for name in wanted]

@@ -48,14 +48,13 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
+from gs2ci.evaluate.drawings import write_motion_picture, write_registration_picture
 from gs2ci.evaluate.moments import MOMENTS_NAME, render_moments
 from gs2ci.evaluate.moments import moments as moment_times
-from gs2ci.evaluate.motion_picture import write_motion_picture
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.points import Cameras, of_one_moment, points_of, write_points
-from gs2ci.evaluate.registration_picture import write_registration_picture
 from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, Report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.sureness import errors_of_centres, write_errors

@@ -7,7 +7,7 @@ import torch
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.evaluation import ReferenceData, evaluate, write_evaluation
-from gs2ci.evaluate.noise import SensorNoise
+from gs2ci.evaluate.metrics import SensorNoise
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.report import read_report

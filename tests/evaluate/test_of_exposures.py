@@ -11,10 +11,8 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS
 from gs2ci.core.storage import write_shots
 from gs2ci.core.summed import summed
-from gs2ci.evaluate.evaluation import ReferenceData, evaluate
-from gs2ci.evaluate.metrics import image_scores
-from gs2ci.evaluate.noise import SensorNoise
-from gs2ci.evaluate.of_exposures import exposures_of
+from gs2ci.evaluate.evaluation import ReferenceData, evaluate, exposures_of
+from gs2ci.evaluate.metrics import SensorNoise, image_scores
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.report import ExposureSection, read_report
 from gs2ci.evaluate.run_folder import write_run

@@ -15,7 +15,7 @@ from pydantic import Field, FiniteFloat
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, of_charge
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import RigFigures
 
@@ -54,8 +54,11 @@ class DarkCurrent(EffectRecord):
         Charge beyond the full well is lost.
         """
         dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
-        dn = rig.dn_per_e * scene.gain_after(self)
-        return Bound(dn * float(np.sqrt(dark_e**2 + dark_e)), dn * float(most_counted_e(dark_e))).by(
+        return of_charge(
+            scene,
+            self,
+            float(np.sqrt(dark_e**2 + dark_e)),
+            float(most_counted_e(dark_e)),
             "K * A * sqrt(D**2 + D)",
             BoundStep("I", self.current_e_per_s, "e/s", "dark current at 25 C"),
             BoundStep("C", self.temperature_c, "C", "temperature of the sensor"),
@@ -63,8 +66,6 @@ class DarkCurrent(EffectRecord):
             BoundStep("t", rig.exposure_s, "s", "exposure"),
             BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
             BoundStep("D", dark_e, "e", "charge collected in the dark", "min(I * 2 ** ((C - 25) / h) * t, W)"),
-            enlarging_step(scene, self),
-            gain_step(rig),
         )
 
     def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:
@@ -123,8 +124,11 @@ class Persistence(EffectRecord):
         )
         rms_e = float(np.sqrt((np.square(released_e) + released_e).mean()))
         peak_e = float(most_counted_e(released_e).max())
-        dn = rig.dn_per_e * scene.gain_after(self)
-        return Bound(dn * rms_e, dn * peak_e).by(
+        return of_charge(
+            scene,
+            self,
+            rms_e,
+            peak_e,
             "K * A * x",
             BoundStep("s", self.share, "", "share of the earlier charge that is caught"),
             BoundStep("tau", self.decay_s, "s", "decay"),
@@ -138,8 +142,6 @@ class Persistence(EffectRecord):
                 "s * exp(-gap / tau) * (1 - exp(-t / tau))",
             ),
             BoundStep("x", rms_e, "e", "that charge and its shot noise, rms over the pixels, up to the full well"),
-            enlarging_step(scene, self),
-            gain_step(rig),
         )
 
     def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:
@@ -181,14 +183,15 @@ class FullWell(EffectRecord):
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The charge beyond the capacity, with six standard deviations of its noise."""
         _, rms_e, peak_e = scene.excess_e(self, self.capacity_e)
-        dn = rig.dn_per_e * scene.gain_after(self)
-        return Bound(dn * rms_e, dn * peak_e).by(
+        return of_charge(
+            scene,
+            self,
+            rms_e,
+            peak_e,
             "K * A * x",
             BoundStep("W", self.capacity_e, "e", "full well"),
             BoundStep("Q", float(scene.most_e.max()), "e", "upper bound of the charge of a pixel, without noise"),
             BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
-            enlarging_step(scene, self),
-            gain_step(rig),
         )
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
@@ -223,15 +226,16 @@ class Blooming(EffectRecord):
         spilled_e = self.share * excess_e
         rms_e = np.sqrt(min(spilled_e, well_e) * well_e)
         peak_e = min(spilled_e * scene.charge_e.size, well_e)
-        dn = rig.dn_per_e * scene.gain_after(self)
-        return Bound(dn * float(rms_e), dn * peak_e).by(
+        return of_charge(
+            scene,
+            self,
+            float(rms_e),
+            peak_e,
             "K * A * sqrt(min(x, W) * W)",
             BoundStep("s", self.share, "", "share of the excess charge that spills"),
             BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
             BoundStep("e", excess_e, "e", "charge beyond the well, with six sigma of its noise, mean over the pixels"),
             BoundStep("x", spilled_e, "e", "of it spilled, per pixel", "s * e"),
-            enlarging_step(scene, self),
-            gain_step(rig),
         )
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:

@@ -27,6 +27,7 @@ from gs2ci_sims.effects.base import (
     ViewPreview,
     enlarging_step,
     gain_step,
+    of_charge,
 )
 from gs2ci_sims.effects.counts import SIGMAS, most_counted_e, most_in_sum
 from gs2ci_sims.rig import RigFigures
@@ -198,16 +199,18 @@ class ShotNoise(EffectRecord):
         peak_e, every_e = float(beyond_e.max()), float(np.sqrt(np.square(beyond_e).mean()))
         variance = mean_e * (3 * largest_e + 1) / pixels
         rms_e = min(float(np.sqrt(most_in_sum(mean_e, variance, peak_e**2 / pixels / 3))), every_e)
-        dn = rig.dn_per_e * after
-        return Bound(dn * rms_e, dn * peak_e, random=True).by(
+        return of_charge(
+            scene,
+            self,
+            rms_e,
+            peak_e,
             "K * A * min(sqrt(Q + 6 * sqrt(Q * (3 * T + 1) / n) + 6 * p**2 / n), every)",
             BoundStep("Q", mean_e, "e", "charge, mean over the pixels: its variance over exposures"),
             BoundStep("T", largest_e, "e", "upper bound of the charge of a pixel"),
             BoundStep("p", peak_e, "e", "six sigma of the brightest pixel"),
             BoundStep("n", pixels, "", "pixels"),
             BoundStep("every", every_e, "e", "rms with six sigma in every pixel"),
-            enlarging_step(scene, self),
-            gain_step(rig),
+            random=True,
         )
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
@@ -281,8 +284,11 @@ class HotPixels(EffectRecord):
         pixels = int(np.prod(scene.scene.size))
         hottest_e = min(self._deepest_tail(pixels) / np.log1p(1 / mean_e), well_e) if mean_e > 0 else 0.0
         square_e2 = self._most_squares_e2(mean_e, hottest_e, pixels) / pixels
-        dn = rig.dn_per_e * scene.gain_after(self)
-        return Bound(dn * float(np.sqrt(square_e2)), dn * float(hottest_e)).by(
+        return of_charge(
+            scene,
+            self,
+            float(np.sqrt(square_e2)),
+            float(hottest_e),
             "K * A * sqrt(x2)",
             BoundStep("p", self.share, "", "share of the pixels that are hot"),
             BoundStep("I", self.mean_e_per_s, "e/s", "their mean excess current"),
@@ -298,8 +304,6 @@ class HotPixels(EffectRecord):
                 "mean square of the excess charges and their shot noise in one exposure, exceeded once in 1e7: the "
                 "least (18 / n + p * mean(exp(s * x**2) - 1)) / s over all s, for charges x of at most h",
             ),
-            enlarging_step(scene, self),
-            gain_step(rig),
         )
 
     def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:

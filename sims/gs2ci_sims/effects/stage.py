@@ -23,10 +23,25 @@ WARP_STEPS: Final = 4097
 
 
 @dataclass(frozen=True)
-class WarpedPath:
-    """A path run through unevenly: at t the camera is where `base` is at t + delay sin(2 pi hz t + phase)."""
+class _ChangedPath:
+    """A path that an effect makes of another one, whose frequencies and kinks it has unless it says otherwise."""
 
     base: CameraPath
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency in the motion."""
+        return highest_hz(self.base)
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity jumps, [K]."""
+        return kinks_s(self.base, start_s, stop_s)
+
+
+@dataclass(frozen=True)
+class WarpedPath(_ChangedPath):
+    """A path run through unevenly: at t the camera is where `base` is at t + delay sin(2 pi hz t + phase)."""
+
     delay_s: float
     hertz: float
     phase: float
@@ -92,10 +107,9 @@ class StageRipple(EffectRecord):
 
 
 @dataclass(frozen=True)
-class TremblingPath:
+class TremblingPath(_ChangedPath):
     """A path whose camera is displaced by amplitude sin(2 pi hz t + phases) along its right and down axes."""
 
-    base: CameraPath
     amplitude: float
     hertz: float
     phases: tuple[float, float]
@@ -104,10 +118,6 @@ class TremblingPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return max(self.hertz, highest_hz(self.base))
-
-    def kinks_s(self, start_s: float, stop_s: float) -> F64:
-        """Get when the velocity of the path beneath jumps, [K]."""
-        return kinks_s(self.base, start_s, stop_s)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]: the scene moves against the camera."""
@@ -134,20 +144,8 @@ class StageVibration(EffectRecord):
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """What shifting the image of the nearest point by the amplitude along both axes changes."""
-        near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
-        shift_px = 2**0.5 * self.amplitude * focal_px / near
-        return scene.of_views(*scene.shifted(shift_px)).after(
-            BoundStep("A", self.amplitude, "units", "amplitude along each of two axes"),
-            BoundStep("f", focal_px, "px", "focal length"),
-            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
-            BoundStep(
-                "d",
-                shift_px,
-                "px",
-                "shift of its image; a cosine of frequency k changes by 2 sin(pi k d)",
-                "sqrt(2) * A * f / z1",
-            ),
-        )
+        amplitude = BoundStep("A", self.amplitude, "units", "amplitude along each of two axes")
+        return _displaced(scene, 2**0.5 * self.amplitude, "sqrt(2) * A", amplitude)
 
     def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
         """Let the path tremble."""
@@ -160,7 +158,7 @@ STEPS: Final = 1024
 
 
 @dataclass(frozen=True)
-class LaggingPath:
+class LaggingPath(_ChangedPath):
     """A path whose camera lags by up to `play` along its direction after each reversal.
 
     Args:
@@ -170,15 +168,9 @@ class LaggingPath:
         end_s: Until when.
     """
 
-    base: CameraPath
     play: float
     begin_s: float
     end_s: float
-
-    @property
-    def highest_hz(self) -> float:
-        """Get the highest frequency in the motion."""
-        return highest_hz(self.base)
 
     def kinks_s(self, start_s: float, stop_s: float) -> F64:
         """Get when the velocity jumps, [K]: at the turns of the path beneath, and when the play is taken up or left."""
@@ -247,20 +239,9 @@ class StageBacklash(EffectRecord):
         worst = float(np.abs(lagging.lag(np.linspace(lagging.begin_s, lagging.end_s, STEPS))).max())
         if worst <= 1e-9 * self.play:
             return NOTHING.by("0", BoundStep("play", self.play, "units", "lost motion; the path does not turn back"))
-        near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
-        return scene.of_views(*scene.shifted(worst * focal_px / near)).after(
-            BoundStep("play", self.play, "units", "lost motion"),
-            BoundStep("lag", worst, "units", "largest lag after the turns of this path"),
-            BoundStep("f", focal_px, "px", "focal length"),
-            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
-            BoundStep(
-                "d",
-                worst * focal_px / near,
-                "px",
-                "shift of its image; a cosine of frequency k changes by 2 sin(pi k d)",
-                "lag * f / z1",
-            ),
-        )
+        play = BoundStep("play", self.play, "units", "lost motion")
+        lag = BoundStep("lag", worst, "units", "largest lag after the turns of this path")
+        return _displaced(scene, worst, "lag", play, lag)
 
     def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
         """Let the path lag."""
@@ -269,3 +250,16 @@ class StageBacklash(EffectRecord):
     def _lagging(self, path: CameraPath, rig: RigFigures) -> LaggingPath:
         half = 0.5 * rig.exposure_s
         return LaggingPath(path, self.play, -half, half)
+
+
+def _displaced(scene: Previewed, aside: float, law: str, *steps: BoundStep) -> Bound:
+    """Bound what a camera so far aside, scene units, changes: it shifts the image of the nearest point most."""
+    near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
+    shift_px = aside * focal_px / near
+    shift = "shift of its image; a cosine of frequency k changes by 2 sin(pi k d)"
+    return scene.of_views(*scene.shifted(shift_px)).after(
+        *steps,
+        BoundStep("f", focal_px, "px", "focal length"),
+        BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
+        BoundStep("d", shift_px, "px", shift, f"{law} * f / z1"),
+    )
