@@ -78,7 +78,7 @@ class ZaberAxis:
     mechanics: Mechanics = field(default_factory=Mechanics)
 
 
-class _Rejected(Exception):
+class _RejectedError(Exception):
     """A command that the device rejects, with the word of its reply."""
 
 
@@ -189,22 +189,22 @@ class ZaberTwin(SerialTwin):
         accepted = True
         try:
             data = self._done(number, words, text)
-        except _Rejected as rejected:
+        except _RejectedError as rejected:
             accepted, data = False, str(rejected)
         self._send(number, message_id, text, accepted=accepted, data=data)
 
     def _done(self, number: int, words: list[str], text: str) -> str:
         """Do what a message asks; return the data of the reply."""
         if number > len(self._axes):
-            raise _Rejected("BADAXIS")
+            raise _RejectedError("BADAXIS")
         if not words:
             return "0"
         for fault, rejection in ((REJECT, "AGAIN"), (BAD_DATA, "BADDATA")):
             if self.faults.take(fault, text):
-                raise _Rejected(rejection)
+                raise _RejectedError(rejection)
         handler = getattr(self, f"_do_{words[0]}", None)
         if handler is None:
-            raise _Rejected("BADCOMMAND")
+            raise _RejectedError("BADCOMMAND")
         return handler(number, words[1:]) or "0"
 
     def _send(self, number: int, message_id: int | None, text: str, *, accepted: bool, data: str) -> None:
@@ -275,22 +275,22 @@ class ZaberTwin(SerialTwin):
                 "cloop.settle.tolerance": axis.built.settle_um,
             }
             if of_axis.get(setting) is None:
-                raise _Rejected("BADCOMMAND")
+                raise _RejectedError("BADCOMMAND")
             values.append(str(of_axis[setting]))
         return " ".join(values)
 
     def _do_set(self, number: int, words: list[str]) -> None:
         if len(words) != 2 or not words[1].isdigit():
-            raise _Rejected("BADDATA")
+            raise _RejectedError("BADDATA")
         if words[0] == "comm.checksum":
             self._replies_checked = words[1] == "1"
         elif words[0] == "maxspeed" and 1 <= int(words[1]) <= 10 * self._axes[0].built.max_speed:
             for axis in self._chosen(number):
                 axis.max_speed = int(words[1])
         elif words[0] == "maxspeed":
-            raise _Rejected("BADDATA")
+            raise _RejectedError("BADDATA")
         elif words[0] != "comm.alert":
-            raise _Rejected("BADCOMMAND")
+            raise _RejectedError("BADCOMMAND")
 
     def _do_warnings(self, number: int, words: list[str]) -> str:
         flags = self._flags(number)
@@ -316,7 +316,7 @@ class ZaberTwin(SerialTwin):
         elif words == ["enable"]:
             self._clear(number, {"FO", "FD", "FV", "FH"})
         else:
-            raise _Rejected("BADCOMMAND")
+            raise _RejectedError("BADCOMMAND")
 
     def _do_home(self, number: int, words: list[str]) -> None:
         self._need_driver(number)
@@ -342,14 +342,14 @@ class ZaberTwin(SerialTwin):
         kinds = {"abs": 2, "rel": 2, "vel": 2, "min": 1, "max": 1}
         most = 2 if self._takes_speeds else 0  # a speed and an acceleration for this move alone
         if not words or words[0] not in kinds or not kinds[words[0]] <= len(words) <= kinds[words[0]] + most:
-            raise _Rejected("BADCOMMAND")
+            raise _RejectedError("BADCOMMAND")
         speeds = words[kinds[words[0]] :]
         self._need_driver(number)
         try:
             value = int(words[1]) if kinds[words[0]] > 1 else 0
             speed = int(speeds[0]) if speeds else None
         except ValueError:
-            raise _Rejected("BADDATA") from None
+            raise _RejectedError("BADDATA") from None
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             if axis.motion.moving_at(now_s):
@@ -369,13 +369,13 @@ class ZaberTwin(SerialTwin):
             "max": built.max_steps,
         }[kind]
         if not built.min_steps <= target <= built.max_steps:
-            raise _Rejected("BADDATA")
+            raise _RejectedError("BADDATA")
         target_mm = target * built.microstep_mm
         slip = self.faults.take(SLIP, kind)
         if slip:
             target_mm -= slip.value or 0.1
         if speed is not None and not 1 <= speed <= axis.max_speed:
-            raise _Rejected("BADDATA")
+            raise _RejectedError("BADDATA")
         ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(speed), now_s)
         self._schedule_faults(axis, now_s, ends_s, kind)
         self.disturbances.schedule([axis.motion], ends_s, f"move {kind}")
@@ -422,7 +422,7 @@ class ZaberTwin(SerialTwin):
             for axis in self._chosen(number):
                 axis.flags.add("FO")
         if any(axis.flags & {"FO", "FD", "FV"} for axis in self._chosen(number)):
-            raise _Rejected("DRIVERDISABLED")
+            raise _RejectedError("DRIVERDISABLED")
 
 
 def simulated(world: World, settings: Any) -> ZaberTwin:
