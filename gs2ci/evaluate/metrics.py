@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, rms_of
 from gs2ci.core.errors import InputError
 
 # Identical images have no finite PSNR, and JSON has no infinity: a smaller mean squared error counts as this one, so
@@ -120,7 +120,7 @@ def measurement_residual(predicted: F32, measurement: F32, saturated: Bool | Non
     error = predicted.astype(np.float64) - measurement
     if saturated is not None:
         error = np.where(saturated[..., None], np.minimum(error, 0.0), error)
-    return Residual(rms=float(np.sqrt(np.mean(error**2))), mean_abs=float(np.mean(np.abs(error))))
+    return Residual(rms=rms_of(error), mean_abs=float(np.mean(np.abs(error))))
 
 
 def _clamped(estimate: F32, truth: F32) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.lens import pixel_centres
 from gs2ci.render.conventions import FRUSTUM_MARGIN
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.warp.types import BLOCK, TiledCamera
@@ -87,10 +88,8 @@ def code(masks: F32, device: str, sampling: CanvasSampling | None = None, *, apa
     frame = (height, width) if sampling is None else sampling.canvas
     tile_h, tile_w = _tile(float((masks > 0).mean()) if masks.size else 1.0)
     tiles_x, tiles_y = -(-frame[1] // tile_w), -(-frame[0] // tile_h)
-    if sampling is None:
-        y, x = (part.reshape(-1) for part in np.mgrid[:height, :width] + 0.5)
-    else:
-        x, y = sampling.places.reshape(-1, 2).T
+    places = pixel_centres((height, width)) if sampling is None else sampling.places
+    x, y = places.reshape(-1, 2).T
     tile = (y.astype(np.int64) // tile_h) * tiles_x + x.astype(np.int64) // tile_w
     flat = masks.reshape(views, height * width)
     view, pixel = np.nonzero(flat > 0)

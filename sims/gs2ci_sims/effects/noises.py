@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from scipy.special import ndtri, pdtr
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import (
     Bound,
@@ -133,7 +133,7 @@ class Prnu(EffectRecord):
         """
         after = scene.gain_after(self)
         most_e = np.minimum(scene.most_e / after, rig.sensor.full_well_e)
-        rms_e, top_e = min(scene.charge_rms_e / after, float(np.sqrt(np.square(most_e).mean()))), float(most_e.max())
+        rms_e, top_e = min(scene.charge_rms_e / after, rms_of(most_e)), float(most_e.max())
         dn, pixels = self.spread * rig.dn_per_e * after, int(np.prod(scene.scene.size))
         mean, largest = (dn * rms_e) ** 2, (dn * top_e) ** 2 / pixels
         limit = math.sqrt(min(most_in_sum(mean, 2 * mean * largest, 2 * largest), SIGMAS**2 * mean))
@@ -196,7 +196,7 @@ class ShotNoise(EffectRecord):
             float(most_e.max()),
             int(np.prod(scene.scene.size)),
         )
-        peak_e, every_e = float(beyond_e.max()), float(np.sqrt(np.square(beyond_e).mean()))
+        peak_e, every_e = float(beyond_e.max()), rms_of(beyond_e)
         variance = mean_e * (3 * largest_e + 1) / pixels
         rms_e = min(float(np.sqrt(most_in_sum(mean_e, variance, peak_e**2 / pixels / 3))), every_e)
         return of_charge(

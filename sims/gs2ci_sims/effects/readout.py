@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import RigFigures
@@ -50,7 +50,7 @@ class GainNonlinearity(EffectRecord):
         )
         most_e = scene.most_e + scene.added_e[1]
         counted_dn = self._bent_dn(most_counted_e(most_e), rig)
-        peak_dn, every_dn = float(counted_dn.max()), _rms(counted_dn)
+        peak_dn, every_dn = float(counted_dn.max()), rms_of(counted_dn)
         mean_e, top_e = scene.charge_mean_e + scene.added_e[1], float(most_e.max())
         variance = min(slope**4 * mean_e * (4 * top_e**2 + 6 * top_e + 1), (expected_dn * peak_dn) ** 2)
         limit_dn = math.sqrt(most_in_sum(expected_dn**2, variance / pixels, peak_dn**2 / pixels / 3))
@@ -79,7 +79,7 @@ class GainNonlinearity(EffectRecord):
         """
         error_e, added_e = scene.charge_error_e, scene.added_e[1]
         likely_dn, top_dn = (
-            _rms(self._bent_dn(np.sqrt(np.square(charge_e) + charge_e), rig))
+            rms_of(self._bent_dn(np.sqrt(np.square(charge_e) + charge_e), rig))
             for charge_e in (scene.charge_e + added_e, scene.most_e + added_e)
         )
         error_dn = 4 * abs(self.departure) * rig.dn_per_e * math.sqrt(error_e**2 + error_e)
@@ -112,10 +112,6 @@ class GainNonlinearity(EffectRecord):
         """Bend electrons [H, W, C]; beyond the ends the response continues without the parabola."""
         x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)
-
-
-def _rms(field: F64) -> float:
-    return float(np.sqrt(np.square(field).mean()))
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from scipy.ndimage import map_coordinates
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import pixel_centres, pixels_of, slopes_of
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, MotionPreview, Previewed
 from gs2ci_sims.effects.kernels import (
@@ -51,9 +52,7 @@ class Vignetting(EffectRecord):
 
     def transmission(self, size: tuple[int, int], intrinsics: F64) -> F64:
         """Get the factor of each pixel, [H, W] in (0, 1]."""
-        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-        square = np.square((columns - intrinsics[0, 2]) / intrinsics[0, 0])
-        square += np.square((rows - intrinsics[1, 2]) / intrinsics[1, 1])
+        square = np.square(slopes_of(pixel_centres(size), intrinsics)).sum(axis=-1)
         return (1 + square) ** (-0.5 * self.exponent)
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
@@ -347,13 +346,10 @@ class LensDistortion(EffectRecord):
 def _sources_px(lens: LensDistortion, size: tuple[int, int], camera: bytes) -> F64:
     """Solve for `LensDistortion.sources_px`; kept, because it is the same for every view. `camera`: float64, [3, 3]."""
     intrinsics = np.frombuffer(camera).reshape(3, 3)
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-    x = (columns - intrinsics[0, 2]) / intrinsics[0, 0]
-    y = (rows - intrinsics[1, 2]) / intrinsics[1, 1]
-    radius = np.hypot(x, y)
+    slopes = slopes_of(pixel_centres(size), intrinsics)
+    radius = np.hypot(slopes[..., 0], slopes[..., 1])
     scale = np.where(radius > 0, lens.undistorted_radius(radius) / np.maximum(radius, 1e-12), 1.0)
-    places = np.stack(
-        [y * scale * intrinsics[1, 1] + intrinsics[1, 2], x * scale * intrinsics[0, 0] + intrinsics[0, 2]]
-    )
+    columns, rows = np.moveaxis(pixels_of(slopes * scale[..., None], intrinsics), -1, 0)
+    places = np.stack([rows, columns])
     places.setflags(write=False)
     return places

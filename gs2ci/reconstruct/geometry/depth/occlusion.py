@@ -18,9 +18,8 @@ import numpy as np
 from scipy.ndimage import label, map_coordinates
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.core.lens import pixel_centres, places_of, rays_of
 from gs2ci.reconstruct.geometry.depth.view_depths import in_picture
-from gs2ci.reconstruct.measurement.lens import pixel_centres
 from gs2ci.render.conventions import NEAR
 
 # Two points lie on different surfaces if they are seen at least this far apart from the view that they are carried
@@ -160,16 +159,12 @@ class _Camera:
         points = self.rays * depth[..., None] @ moved[:3, :3].T + moved[:3, 3]
         ahead = np.where(points[..., 2] > NEAR, points[..., 2], np.nan)
         slopes = points[..., :2] / ahead[..., None]
-        bent = slopes if self.distortion is None else distorted(slopes, self.distortion)
-        return pixels_of(bent, self.intrinsics), ahead
+        return places_of(slopes, self.intrinsics, self.distortion), ahead
 
     @cached_property
     def rays(self) -> F64:
         """Get the points at depth 1 that pixels see, [H, W, 3]."""
-        slopes = slopes_of(pixel_centres(self.size), self.intrinsics)
-        if self.distortion is not None:
-            slopes = undistorted(slopes, self.distortion)
-        return np.concatenate([slopes, np.ones((*self.size, 1))], axis=-1)
+        return rays_of(pixel_centres(self.size), self.intrinsics, self.distortion)
 
 
 def _surfaces(depth: F64, moved: F64, camera: _Camera) -> tuple[F64, F64]:
