@@ -367,6 +367,8 @@ def _known(told: Mapping[int, int], kind: int) -> int:
 class _Session(Session[AlpTwin]):
     """The library in one process: a `LibraryPort`."""
 
+    what = "library"
+
     def call(self, function: str, numbers: Sequence[int], data: bytes = b"") -> int:
         """Call a function."""
         return self._answer(function, numbers, data)[0]

@@ -5,7 +5,7 @@ Not here: what goes over the port (`serial_twin`, `dlpc900`, `alp`).
 
 from abc import ABC, abstractmethod
 from errno import EBUSY, EIO, ENODEV
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from gs2ci_sims.faults import FaultSet
 
@@ -68,6 +68,8 @@ class Session(Generic[TwinOf]):
         twin: The device.
     """
 
+    what: ClassVar[str] = "port"
+
     def __init__(self, twin: TwinOf) -> None:
         self._twin = twin
         self._open = True
@@ -82,7 +84,7 @@ class Session(Generic[TwinOf]):
 
     def _require_open(self) -> None:
         if not self._open:
-            raise OSError(EIO, "it was closed")
+            raise OSError(EIO, f"the {self.what} is closed")
 
     def _require_alive(self) -> None:
         self._require_open()
