@@ -46,7 +46,7 @@ class ReferenceData:
         novel: True views from other poses.
         noise: Noise of the sensor.
         lpips: A learned perceptual distance provided by the user (`gs2ci.reconstruct.paper.perceptual`).
-        exposures: Those of a joint run, of which `shot` is the sum, in the order of their views (`of_exposures`).
+        exposures: Those of a joint run, of which `shot` is the sum, in the order of their views (`_of_exposures`).
     """
 
     shot: Shot
