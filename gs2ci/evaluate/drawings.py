@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
@@ -39,7 +38,6 @@ def write_motion_picture(path: Path, view: F32, displacement: F32) -> None:
     height, width = displacement.shape[:2]
     speed = np.linalg.norm(displacement, axis=2)
     figure = Figure(figsize=(11, 11 * 0.45 * height / width + 0.7), layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     left.imshow(np.clip(np.broadcast_to(view, (height, width, 3)), 0, 1), interpolation="nearest")
     step = max(1, max(height, width) // _ARROWS_ALONG)
@@ -75,7 +73,6 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
             arrows' ends are standard errors, at the same magnification as the arrows.
     """
     figure = Figure(figsize=(15, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 4)
     pieces = {
         "measured (middle)": given.measurement.mean(axis=2, dtype=np.float64),

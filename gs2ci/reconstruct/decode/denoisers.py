@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import PositiveInt
 from skimage.restoration import denoise_nl_means
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
 from gs2ci.reconstruct.threads import in_threads
 
@@ -33,7 +35,7 @@ def clamped(denoise: Denoiser) -> Denoiser:
 
 
 @dataclass(frozen=True)
-class TotalVariation:
+class TotalVariation(BoundedRecord):
     """The minimiser of ½‖u − x‖² + λ TV(u), each colour apart, by a few steps of Chambolle's dual method.
 
     Args:
@@ -45,13 +47,9 @@ class TotalVariation:
             if every pixel moves, they lose as much.
     """
 
-    weight_per_sigma: float = 0.7
-    inner: int = 10
-    coupling: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.weight_per_sigma < np.inf or self.inner < 1 or not 0 <= self.coupling < np.inf:
-            raise InputError(f"total variation {self}", allowed="weight_per_sigma > 0, inner >= 1, coupling >= 0")
+    weight_per_sigma: Positive = 0.7
+    inner: PositiveInt = 10
+    coupling: NotNegative = 0.0
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise in place; arguments as for `Denoiser`."""
@@ -68,7 +66,7 @@ class TotalVariation:
 
 
 @dataclass(frozen=True)
-class NonLocalMeans:
+class NonLocalMeans(BoundedRecord):
     """Means over patches that look alike (Buades 2005, in scikit-image's fast form by Darbon 2008).
 
     Better than total variation on white noise; worse inside a decoder, where the residue of the masks is not white and
@@ -81,13 +79,9 @@ class NonLocalMeans:
         reach_px: How far patches are searched in each direction.
     """
 
-    cutoff_per_sigma: float = 0.7
-    patch_px: int = 5
-    reach_px: int = 6
-
-    def __post_init__(self) -> None:
-        if not 0 < self.cutoff_per_sigma < np.inf or self.patch_px < 1 or self.reach_px < 1:
-            raise InputError(f"non-local means {self}", allowed="cutoff_per_sigma > 0, patch_px >= 1, reach_px >= 1")
+    cutoff_per_sigma: Positive = 0.7
+    patch_px: PositiveInt = 5
+    reach_px: PositiveInt = 6
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise view by view, colours together; arguments as for `Denoiser`."""

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.config import NotNegative
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, of_charge
 from gs2ci_sims.effects.counts import most_counted_e
@@ -97,18 +97,14 @@ class Persistence(EffectRecord):
     stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 3.0
 
-    share: float
-    decay_s: float
-    gap_s: float
+    share: Annotated[float, Field(ge=0, le=1)]
+    decay_s: Positive
+    gap_s: NotNegative
     earlier_e: float | F64
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         earlier = np.asarray(self.earlier_e)
-        if not 0 <= self.share <= 1 or not 0 < self.decay_s < np.inf or not 0 <= self.gap_s < np.inf:
-            raise InputError(
-                f"persistence of {self.share} that decays in {self.decay_s} s, after a gap of {self.gap_s} s",
-                allowed="a share of 0 to 1, decay_s > 0, gap_s >= 0, both finite",
-            )
         if not (np.isfinite(earlier).all() and np.all(earlier >= 0)):
             raise InputError("persistence of an exposure with charges that no pixel holds", allowed="0 or more, finite")
 
