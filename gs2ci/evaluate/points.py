@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import in_camera
 from gs2ci.core.lens import pixel_centres, places_of, rays_of, stretch
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.ply import named_columns, ply_bytes
@@ -54,7 +55,7 @@ class Cameras:
             mean something only where the first is true.
         """
         pose = self.world_to_camera[view]
-        local = points @ pose[:3, :3].T + pose[:3, 3]
+        local = in_camera(points, pose)
         ahead = local[:, 2]
         before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
         slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, in_camera
 from gs2ci.core.lens import places_of, rays_of
 from gs2ci.core.run_figures import WithoutExposure
 
@@ -57,7 +57,7 @@ class ViewsTogether:
         """Tell which points, [P, 3], a view shows: those in its picture that lie on its own surface, [P]."""
         height, width = self.depth.shape[1:]
         pose = self.world_to_camera[view]
-        there = points @ pose[:3, :3].T + pose[:3, 3]
+        there = in_camera(points, pose)
         ahead = there[:, 2] > 0
         slopes = there[:, :2] / np.where(ahead, there[:, 2], 1.0)[:, None]
         pixels = places_of(slopes, self.intrinsics, self.distortion)
