@@ -8,7 +8,6 @@
 Not here: decoding.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -72,7 +71,7 @@ def write_decoded(folder: Path, decoded: Sequence[Decoded], *, overwrite: bool =
     with whole_folder(Path(folder), overwrite=overwrite, schema=SCHEMA) as partial:
         np.save(partial / "views.npy", views.astype(np.float32, copy=False))
         write_pictures(partial / "views", views)
-        (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        (partial / REPORT_NAME).write_text(as_json(report), encoding="utf-8")
     return report
 
 

@@ -4,7 +4,6 @@ Here: which figures follow from which data, and which of several shots belongs t
 the metrics (one file each), the run's own report (`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
 """
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -17,7 +16,7 @@ import torch
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.json_text import plain_json
+from gs2ci.core.json_text import as_json, plain_json
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.depth import depth_errors, parallax_of
@@ -147,8 +146,7 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
     Raises:
         StorageError: The disk refuses.
     """
-    text = json.dumps(evaluation, indent=1, allow_nan=False) + "\n"
-    return write_whole(path, text, remedy="choose another place with -o")
+    return write_whole(path, as_json(evaluation), remedy="choose another place with -o")
 
 
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:

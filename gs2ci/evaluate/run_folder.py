@@ -36,7 +36,6 @@
 Not here: the figures, the page, the picture.
 """
 
-import json
 from pathlib import Path
 from typing import Final
 
@@ -140,7 +139,7 @@ def _write_scene(folder: Path, result: RunResult, report: Report, scene: Gaussia
         found = points_of(result.depth[seen], result.depth_confidence[seen], result.views[seen], cameras)
         write_points(folder / "points.ply", found)
     transforms = nerfstudio_transforms(poses, result.intrinsics, size, lens)
-    (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    (folder / "cameras.json").write_text(as_json(transforms), encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"
     model.mkdir(parents=True)
     # The most opaque Gaussians show the surfaces; a stable sort makes the choice among equal ones reproducible.
