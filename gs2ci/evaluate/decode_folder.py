@@ -17,6 +17,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.json_text import as_json
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import environment
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view

@@ -43,6 +43,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.json_text import as_json
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import write_shots
