@@ -14,7 +14,6 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, U8
-from gs2ci.core.cameras import in_camera
 from gs2ci.core.door import LOCAL
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.gate import MOST_CONNECTIONS, Gate
@@ -241,7 +240,7 @@ def _show_surer(server: Any, scene: ViewerScene, percent: float) -> None:
 
 def _shares(errors: F32, means: F32, world_to_camera: F32) -> F32:
     """Return standard errors as shares of the distance from a camera, [G]."""
-    distance = np.linalg.norm(in_camera(means, world_to_camera), axis=1)
+    distance = np.linalg.norm(means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3], axis=1)
     return (errors / np.maximum(distance, np.finfo(np.float32).tiny)).astype(np.float32)
 
 

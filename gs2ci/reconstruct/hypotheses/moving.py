@@ -25,7 +25,6 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import in_camera
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_figures import MotionSection
 from gs2ci.reconstruct.choices import MotionMode
@@ -278,6 +277,6 @@ def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Sp
 
 def _on_screen(means: torch.Tensor, pose: torch.Tensor, intrinsics: torch.Tensor) -> torch.Tensor:
     """Project centres, [G, 3], to pixels, [G, 2]; those behind the camera get some finite place."""
-    points = in_camera(means, pose)
+    points = means @ pose[:3, :3].T + pose[:3, 3]
     slopes = points[:, :2] / points[:, 2:].clamp(min=1e-2)
     return slopes * intrinsics.diagonal()[:2] + intrinsics[:2, 2]

@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import in_camera
 from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians, logit
@@ -88,7 +87,7 @@ def raster_order(means: Tensor, world_to_camera: Tensor, intrinsics: Tensor) -> 
         world_to_camera: [4, 4].
         intrinsics: [3, 3], px.
     """
-    points = in_camera(means, world_to_camera)
+    points = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
     places = (points / points[:, 2:].clamp(min=NEAR)) @ intrinsics.T
     across = torch.argsort(places[:, 0], stable=True)
     strips = torch.floor(places[across, 1] / _STRIP_PX)
