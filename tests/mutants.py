@@ -33,7 +33,7 @@ FILES = (
     "gs2ci/reconstruct/geometry/sources/wide.py",
     "gs2ci/reconstruct/registration/field.py",
     "gs2ci/reconstruct/registration/sharpen.py",
-    "sims/gs2ci_sims/effects/lens_distortion.py",
+    "sims/gs2ci_sims/effects/views.py",
 )
 EACH = 10
 LIBRARIES = ("numpy", "scipy.ndimage", "scipy.stats", "cv2", "torch", "numba", "hypothesis", "h5py", "skimage", "tyro")
