@@ -24,6 +24,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
@@ -61,6 +62,8 @@ _CLEARLY: Final = 0.99
 # Two maps of inverse depth have opposite orders of depth if they correlate by less than minus this; maps of noise do
 # not reach it.
 _CLEARLY_REVERSED: Final = 0.3
+# Cosine of 45 degrees: beyond it, a stage reports another direction of travel than tracks show, in either order.
+_SAME_LINE: Final = 0.7
 
 
 def load_geometry_prior(name: str) -> GeometryPrior:
@@ -188,11 +191,20 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
 def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
     """Return the tracks' path in the stage's order of depth, if the stage settles one.
 
-    A stage whose positions are too inaccurate to be used still reports the right direction of travel.
+    A stage whose positions are too inaccurate to be used still reports the right direction of travel; one that reports
+    another axis than the camera moved along does not, and says nothing of the order.
     """
     if stage is None or not stage.order_given or not chosen.has_path:
         return chosen
+    if abs(float(_line_of(stage) @ _line_of(chosen))) < _SAME_LINE:
+        return chosen
     return replace(_with_order_of(stage, chosen), order_given=True, other_order=None)
+
+
+def _line_of(geometry: Geometry) -> F64:
+    """Return the direction, [3], of either sign, along which a path is longest, as its reference camera sees it."""
+    centres = np.linalg.inv(geometry.world_to_camera)[:, :3, 3]
+    return np.asarray(np.linalg.svd(centres - centres.mean(axis=0))[2][0])
 
 
 def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:

@@ -282,6 +282,23 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     assert found.order_given
 
 
+def test_a_stage_that_reports_another_axis_than_the_camera_moved_along_settles_no_order(request_for, scene):
+    """Its depths are those of noise: they may turn right tracks inside out."""
+    across = scene.poses.copy()
+    across[:, :3, 3] = across[:, [1, 0, 2], 3] * np.array([1, -1, 1])
+    found = find("auto", request_for(telemetry_world_to_camera=across))
+    assert found.source == "tracks"
+    assert Code.STAGE_NOT_TAKEN in [note.code for note in found.notes]
+    assert not found.order_given
+    right, stage = (
+        from_tracks(request_for(), Silent()),
+        find("stage", request_for(telemetry_world_to_camera=scene.poses)),
+    )
+    wrong = replace(stage, world_to_camera=across, inverse_depth=-right.inverse_depth)
+    assert choose._in_the_order_of(wrong, right) is right
+    assert choose._in_the_order_of(stage, right).order_given
+
+
 def test_a_stage_with_a_map_of_one_depth_turns_no_tracks(request_for):
     found = find("tracks", request_for())
     flat = replace(found, inverse_depth=np.ones_like(found.inverse_depth))

@@ -29,38 +29,22 @@ def find_error(
     saturated: wp.array(dtype=wp.uint8),
     channels: int,
     per_exposure: float32,
+    centred: Floats,
     error: Floats,
     counted: Floats,
+    terms: Vectors,
 ):
-    """Store a prediction's error at the values that count, and which they are."""
+    """Store a prediction's error e at the values that count, which they are, and e, e², eb."""
     i = wp.tid()
     pixel = i // channels
     seen = predicted[i] * per_exposure
     counts = fitted[pixel]
     if saturated[pixel] > wp.uint8(0) and seen > target[i]:
         counts = 0.0
-    error[i] = (seen - target[i]) * counts
+    e = (seen - target[i]) * counts
+    error[i] = e
     counted[i] = counts
-
-
-@wp.kernel
-def filter_down(
-    error: Floats,
-    centred: Floats,
-    taps: Floats,
-    height: int,
-    row: int,
-    out: Vectors,
-):
-    """Filter e, e² and eb along columns; what lies outside the image counts as zero."""
-    i = wp.tid()
-    y = i // row
-    total = vec3()
-    for k in range(1 - taps.shape[0], taps.shape[0]):
-        if y + k >= 0 and y + k < height:
-            e = error[i + k * row]
-            total += taps[wp.abs(k)] * vec3(e, e * e, e * centred[i + k * row])
-    out[i] = total
+    terms[i] = vec3(e, e * e, e * centred[i])
 
 
 @wp.func
@@ -116,16 +100,16 @@ def compare(
 
 
 @wp.kernel
-def filter_back_down(
-    partial: Vectors,
+def filter_columns(
+    values: Vectors,
     taps: Floats,
     height: int,
     row: int,
     out: Vectors,
 ):
-    """Filter derivatives along columns."""
+    """Filter along columns."""
     i = wp.tid()
-    out[i] = along(partial, taps, i, i // row, height, row)
+    out[i] = along(values, taps, i, i // row, height, row)
 
 
 @wp.kernel
@@ -167,16 +151,17 @@ def sum_errors(error: Floats, apart: Floats, sums: wp.array(dtype=wp.vec2d)):
         sums[block] = both
 
 
-@wp.kernel
+@wp.kernel(module="unique", module_options=TILED)
 def find_loss(sums: wp.array(dtype=wp.vec2d), of_error: float64, of_unlike: float64, loss: Doubles):
-    """Weigh the two sums, by one thread."""
+    """Weigh the two sums, by one block."""
+    _block, lane = wp.tid()
     total = float64(0.0)
-    for block in range(sums.shape[0]):
+    for block in range(lane, sums.shape[0], wp.block_dim()):
         total += of_error * sums[block][0] + of_unlike * sums[block][1]
-    loss[0] = total
+    all_of_it = sum_of_block(total)
+    if lane == 0:
+        loss[0] = all_of_it
 
 
-ALL: Final[tuple[Any, ...]] = (
-    *(find_error, filter_down, compare, filter_back_down, find_gradient, sum_errors, find_loss),
-)
+ALL: Final[tuple[Any, ...]] = (*(find_error, filter_columns, compare, find_gradient, sum_errors, find_loss),)
 """For counts and for compiling in advance."""
