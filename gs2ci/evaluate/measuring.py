@@ -36,13 +36,11 @@ _UNTRACKED: Final = 4.0
 _AGAINST_DEPTH: Final = (
     Code.PATH_UNCERTAIN,
     Code.PATH_UNCONFIRMED,
-    Code.UNIFORM_MOTION,
     Code.DEPTH_ORDER_OPEN,
     Code.DEPTH_ORDER_LIKELY,
     Code.DEPTH_ORDER_UNTRIED,
     Code.DEPTH_IN_NOISE,
     Code.VGGT_DEPTH_TAKEN,
-    Code.SCENE_NOT_FOLLOWING,
     Code.FOCAL_ASSUMED,
 )
 """Findings that say not to rely on depth."""

@@ -12,8 +12,7 @@ those that the tracks do not contradict: a source is replaced by a later one onl
 smaller, and a stage's poses that tracks bear out are not replaced. The stage comes first, since blur and noise of the
 picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the parallax is as
 small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m tests.benchmarks
-stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`); if these give none
-either, or the tracks' path is doubtful, a uniform motion is estimated (`python -m tests.benchmarks direct`).
+stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,6 +23,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
@@ -43,16 +43,14 @@ from gs2ci.reconstruct.geometry.sources.sources import (
     from_file,
     from_rest,
     from_stage,
-    from_uniform,
     from_wide,
     matched_motion,
-    uniform_motion,
 )
 from gs2ci.reconstruct.learned.onnx_models import known_model
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
 
-GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "uniform", "rest", "auto", "vggt")
+GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "rest", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _AUTO: Final = "auto"
 _FILE: Final = "file:"
@@ -61,13 +59,15 @@ _CLEARLY: Final = 0.99
 # Two maps of inverse depth have opposite orders of depth if they correlate by less than minus this; maps of noise do
 # not reach it.
 _CLEARLY_REVERSED: Final = 0.3
+# Cosine of 45 degrees: beyond it, a stage reports another direction of travel than tracks show, in either order.
+_SAME_LINE: Final = 0.7
 
 
 def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "wide"; "displacements"; "uniform"; "rest"; "auto"; "file:PATH" (a COLMAP model's
+        name: "tracks"; "stage"; "wide"; "displacements"; "rest"; "auto"; "file:PATH" (a COLMAP model's
             folder or a transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the
             tracks if no model has been added; or the name of a plug-in, which is called for its prior.
 
@@ -80,7 +80,6 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         PathSource.STAGE: from_stage,
         PathSource.MATCHES: from_wide,
         PathSource.DISPLACEMENTS: from_displacements,
-        PathSource.UNIFORM: from_uniform,
         PathSource.REST: from_rest,
         _AUTO: auto,
     }
@@ -130,8 +129,8 @@ def auto(request: Request, progress: Progress) -> Geometry:
         return from_rest(request, progress, finding(Code.CAMERA_AT_REST, share=still))
     tracks = _tracks_or_displacements(request, from_tracks(request, progress))
     say_how_found(tracks, progress)
-    names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
-    if names == (PathSource.TRACKS,) and not doubtful:
+    names = tuple(_sources(request))
+    if names == (PathSource.TRACKS,) and tracks.verdict != Verdict.UNSUPPORTED:
         return tracks
     answers = [
         _judged(request, tracks.source, tracks) if name == PathSource.TRACKS else _asked(request, name, progress)
@@ -140,10 +139,6 @@ def auto(request: Request, progress: Progress) -> Geometry:
     standing = _standing(answers)
     if standing is None and LeftOut.WIDE_MATCHES not in left_out:
         answers.append(_matched(request, tracks))
-        standing = _standing(answers)
-    first = standing is None or standing.source == tracks.source
-    if doubtful and first and LeftOut.UNIFORM_MOTION not in left_out:
-        answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
         standing = _standing(answers)
     chosen = tracks if standing is None else standing
     if PathSource.STAGE in names and chosen.source == tracks.source:
@@ -188,11 +183,20 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
 def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
     """Return the tracks' path in the stage's order of depth, if the stage settles one.
 
-    A stage whose positions are too inaccurate to be used still reports the right direction of travel.
+    A stage whose positions are too inaccurate to be used still reports the right direction of travel; one that reports
+    another axis than the camera moved along does not, and says nothing of the order.
     """
     if stage is None or not stage.order_given or not chosen.has_path:
         return chosen
+    if abs(float(_line_of(stage) @ _line_of(chosen))) < _SAME_LINE:
+        return chosen
     return replace(_with_order_of(stage, chosen), order_given=True, other_order=None)
+
+
+def _line_of(geometry: Geometry) -> F64:
+    """Return the direction, [3], of either sign, along which a path is longest, as its reference camera sees it."""
+    centres = np.linalg.inv(geometry.world_to_camera)[:, :3, 3]
+    return np.asarray(np.linalg.svd(centres - centres.mean(axis=0))[2][0])
 
 
 def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
@@ -215,12 +219,9 @@ def _lies_in_its_sign(request: Request) -> bool:
 
 
 def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
-    """Tell whether nothing confirms a path: there is none, halves of the tracks disagree, or it is without tracks."""
-    return (
-        geometry.verdict == Verdict.UNSUPPORTED
-        or geometry.is_uniform
-        or bool(doubts_about_path(geometry.path_error_expected, criteria))
-    )
+    """Tell whether nothing confirms a path: there is none, or halves of the tracks disagree."""
+    doubts = doubts_about_path(geometry.path_error_expected, criteria)
+    return geometry.verdict == Verdict.UNSUPPORTED or bool(doubts)
 
 
 def _standing(answers: Sequence[_Answer]) -> Geometry | None:

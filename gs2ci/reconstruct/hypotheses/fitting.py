@@ -108,15 +108,13 @@ class Fits:
     def order_of(self, first: FirstLook) -> tuple[FirstLook, OrderFound]:
         """Return a first look in the likelier order of depth if its order is open, and what is known of it.
 
-        Given poses settle the sign themselves. A path that no tracks confirm is never reversed.
+        Given poses settle the sign themselves.
         """
         geometry = first.geometry
         if self.settings.withheld is not None or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
         if not self.tries_orders:
             return first, OrderFound(DepthOrder.UNTRIED)
-        if geometry.is_uniform:
-            return first, OrderFound(DepthOrder.OPEN, 0.0)
         likelier = in_likelier_order(geometry)
         return replace(first, geometry=likelier), OrderFound(DepthOrder.OPEN, likelier.order_errors)
 
