@@ -7,20 +7,21 @@ displaced pattern, what a decode leaves of it is tracked as a motion, and halves
 (docs/decisions/small-motions.md). Where tracks show no path, or a doubtful one, the motion
 that explains displacements of blocks of the measurement takes their place, if it is expected to err less
 (docs/decisions/small-motions.md). It uses every source available for this shot on this machine: the
-stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement chooses (`evidence`) among
-those that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
-smaller, and a stage's poses that tracks bear out are not replaced. The stage comes first, since blur and noise of the
-picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the parallax is as
-small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m tests.benchmarks
-stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`); if these give none
-either, or the tracks' path is doubtful, a uniform motion is estimated (`python -m tests.benchmarks direct`).
+stage if it reported poses, the tracks, VGGT if the user has added it. The measurement chooses (`evidence`) among those
+that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
+smaller. A stage's poses that tracks bear out stand, and no other source is asked. The stage comes first, since blur and
+noise of the picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the
+parallax is as small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m
+tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`); if
+these give none either, or the tracks' path is doubtful, a uniform motion is estimated (`python -m tests.benchmarks
+direct`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeGuard
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors, poses_of_stage
+from gs2ci.reconstruct.geometry.path.telemetry import poses_of_stage
 from gs2ci.reconstruct.geometry.path.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, Source, from_tracks
 from gs2ci.reconstruct.geometry.reversal import turned
@@ -128,15 +129,19 @@ def auto(request: Request, progress: Progress) -> Geometry:
     still = share_at_rest(request.shot) if may_rest else 0.0
     if still > 0:
         return from_rest(request, progress, finding(Code.CAMERA_AT_REST, share=still))
+    names, criteria = tuple(_sources(request)), request.settings.criteria
+    stage = _asked(request, PathSource.STAGE, progress) if PathSource.STAGE in names else None
+    if stage is not None and _is_borne_out(stage.geometry) and stage.geometry.parallax_px >= criteria.parallax_px:
+        # It stands whatever path the tracks would give, which takes longer to find than all else of a draft's look.
+        note = finding(Code.SOURCE_CHOSEN, source=PathSource.STAGE, answers=stage.said)
+        return replace(stage.geometry, notes=(*said((note,), progress), *stage.geometry.notes))
     tracks = _tracks_or_displacements(request, from_tracks(request, progress))
     say_how_found(tracks, progress)
-    names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
+    doubtful = is_doubtful(tracks, criteria)
     if names == (PathSource.TRACKS,) and not doubtful:
         return tracks
-    answers = [
-        _judged(request, tracks.source, tracks) if name == PathSource.TRACKS else _asked(request, name, progress)
-        for name in names
-    ]
+    others = [_asked(request, name, progress) for name in names if name not in (PathSource.STAGE, PathSource.TRACKS)]
+    answers = [*([] if stage is None else [stage]), _judged(request, tracks.source, tracks), *others]
     standing = _standing(answers)
     if standing is None and LeftOut.WIDE_MATCHES not in left_out:
         answers.append(_matched(request, tracks))
@@ -234,12 +239,14 @@ def _standing(answers: Sequence[_Answer]) -> Geometry | None:
         supported = answer.geometry is not None and answer.geometry.verdict != Verdict.UNSUPPORTED
         if supported and (standing is None or answer.left < _CLEARLY * least):
             standing, least = answer.geometry, answer.left
-        if standing is not None and standing.tracks and _are_borne_out(standing.pose_errors):
+        if _is_borne_out(standing):
             break
     return standing
 
 
-def _are_borne_out(errors: PoseErrors | None) -> bool:
+def _is_borne_out(given: Geometry | None) -> TypeGuard[Geometry]:
+    """Tell whether tracks bear out poses that were given."""
+    errors = None if given is None or not given.tracks else given.pose_errors
     return errors is not None and not errors.contradicted
 
 
