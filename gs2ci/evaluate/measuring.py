@@ -16,6 +16,7 @@ from numbers import Integral
 from typing import Any, Final
 
 import numpy as np
+import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
@@ -109,9 +110,9 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         if run.depth_error is not None:
             unsure = float(run.depth_error[view, row, column])
         else:
-            of_place = factors.place_px / float(
-                movement(run.world_to_camera, np.diag(run.intrinsics)[:2], view, ray * depth)
-            )
+            there = torch.from_numpy(ray * depth).unbind()
+            moves = movement(run.world_to_camera, np.diag(run.intrinsics)[:2], view, there)
+            of_place = factors.place_px / float(moves)
             unsure = depth * float(np.hypot(_OF_SPREAD * run.depth_spread[view, row, column], of_place))
         along = cameras.in_world(view, ray * unsure, directions=True)
         # How the point moves from one pixel to the next: beside the ray, and along it where the surface is slanted.
@@ -153,7 +154,8 @@ def _error_of_scale(run: FinishedRun) -> float:
     turned = errors_of_given(poses, run.intrinsics).rotation * float(np.median(known)) * np.sqrt(aside.sum()) / travel
     pixels = np.stack([columns, rows], axis=-1).astype(np.float64) + 0.5
     rays = Cameras(poses, run.intrinsics, run.distortion).rays(pixels)
-    moved = float(np.median(movement(poses, np.diag(run.intrinsics)[:2], middle, rays * known[:, None])))
+    there = torch.from_numpy(rays * known[:, None]).unbind(dim=1)
+    moved = float(np.median(movement(poses, np.diag(run.intrinsics)[:2], middle, there).numpy()))
     return float(np.hypot(turned, factors.place_px * (1.0 if geometry.tracks else _UNTRACKED) / moved))
 
 

@@ -75,7 +75,12 @@ def _tell_of_card(device: torch.device, error: RuntimeError) -> None:
         raise DeviceError(f"{device} failed ({words})", remedy=remedy) from error
 
 
+def work_place() -> torch.device:
+    """Return the device on which work that torch does on either side is to be done."""
+    return _working.get() or _HOST
+
+
 def working_device() -> torch.device | None:
     """Return the device on which such work is to be done; None: on the host."""
-    device = _working.get() or _HOST
+    device = work_place()
     return device if is_apart(device) else None

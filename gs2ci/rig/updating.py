@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, MATTERS_PX, NAMES, Parameter
+from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, MATTERS_PX, Parameter
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -112,7 +112,7 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
     kept = _keep(path)
     write_bundle(path, replace(bundle.with_section(moved), path=path))
     size: tuple[int, int] = section.array("masks").shape[1:]
-    largest = float(np.linalg.norm(misfit.placement.displacement_px(size), axis=1).max())
+    largest = float(np.linalg.norm(misfit.displacement_px(size), axis=1).max())
     return Update(known, taken, largest, len(answered), tuple(silent), kept)
 
 
@@ -156,7 +156,7 @@ def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
     values = values_of(found)
     if "down_px" not in values:
         return None
-    corners = np.linalg.norm(found.misfit.placement.displacement_px(part.size), axis=1)
+    corners = np.linalg.norm(found.misfit.displacement_px(part.size), axis=1)
     error = float(np.hypot(values["down_px"][1], values["right_px"][1]))
     said = [f"are {found.orientation}"] * (found.orientation != "as given")
     said += [f"begin with mask {found.first_mask + 1}"] * (found.first_mask > 0)
@@ -253,8 +253,7 @@ def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[
             return False
         if one.per_px is None:
             return abs(value) >= one.least
-        placement = _misfit({one.name: value}).placement
-        return float(np.linalg.norm(placement.displacement_px(size), axis=1).max()) >= MATTERS_PX
+        return float(np.linalg.norm(_misfit({one.name: value}).displacement_px(size), axis=1).max()) >= MATTERS_PX
 
     return tuple(
         name
@@ -267,7 +266,7 @@ def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[
 def _misfit(values: Mapping[str, float]) -> "Misfit":
     from gs2ci.reconstruct.registration.misfit import Misfit  # noqa: PLC0415  a bench's computer need not have torch
 
-    return Misfit.from_vector(np.array([values.get(name, 0.0) for name in NAMES]))
+    return Misfit(**values)
 
 
 def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], files: Sequence[Path]) -> Section:
@@ -281,7 +280,7 @@ def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], fi
         more += float(np.mean((_transmissions(before.value, off) - masks) ** 2, dtype=np.float64))
     error = np.sqrt(before.standard_error.astype(np.float64) ** 2 + more)
     size: tuple[int, int] = masks.shape[1:]
-    known = misfit.placement.known(size) & _valid_moved(section, misfit)
+    known = misfit.known(size) & _valid_moved(section, misfit)
     listed = "; ".join(f"{name} {estimate}" for name, estimate in taken.items())
     return replace(
         section,
@@ -304,7 +303,7 @@ def _valid(section: Section) -> Bool:
 
 
 def _valid_moved(section: Section, misfit: "Misfit") -> Bool:
-    return misfit.placement.sample(_valid(section)[None].astype(np.float64))[0] > 0.99
+    return misfit.sample(_valid(section)[None].astype(np.float64))[0] > 0.99
 
 
 def _keep(path: Path) -> Path:

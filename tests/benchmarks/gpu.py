@@ -8,7 +8,8 @@
 Each part is begun only if the time that it may take is left (`GS2CI_MINUTES`, 15): parts that are left out are named at
 the end, and the first command that runs them. A part that fails says how, and the next one begins. The parts run in a
 process of their own, since a device that failed once fails for the rest of a process: when that ends, or a part takes
-twice its time, another process begins with the next part. Here: the plan. Not here: the parts (`gpu_parts`).
+twice its time, another process begins with the next part. Here: the plan. Not here: the parts (`gpu_parts`,
+`gpu_whole`).
 """
 
 import os
@@ -22,7 +23,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO
 
-from tests.benchmarks import gpu_parts
+from tests.benchmarks import gpu_parts, gpu_whole
 from tests.benchmarks.gpu_parts import Asked
 
 MINUTES = 15.0
@@ -47,17 +48,17 @@ class Part:
 
 
 PLAN = (
-    Part("here", gpu_parts.here, 30),
-    Part("errors", gpu_parts.errors, 90),
+    Part("here", gpu_parts.here, 20),
+    Part("compiled", gpu_parts.compiled, 150),
+    Part("errors", gpu_parts.errors, 60),
     Part("beside_the_host", gpu_parts.beside_the_host, 60),
-    Part("iterations", gpu_parts.iterations, 120),
-    Part("standard", gpu_parts.standard, 240),
-    Part("draft", gpu_parts.draft, 60),
+    Part("iterations", gpu_parts.iterations, 60),
+    Part("standard", gpu_whole.standard, 150),
+    Part("large_draft", gpu_whole.large_draft, 100),
+    Part("exponent", gpu_whole.exponent, 150),
     Part("worst_kernel", gpu_parts.worst_kernel, 20),
-    Part("races", gpu_parts.races, 240),
     Part("beside_gsplat", gpu_parts.beside_gsplat, 120),
-    Part("large_draft", gpu_parts.large_draft, 120),
-    Part("exponent", gpu_parts.exponent, 180),
+    Part("races", gpu_parts.races, 240),
 )
 
 

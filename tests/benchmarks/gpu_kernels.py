@@ -42,8 +42,8 @@ def run() -> None:
         raise SystemExit(1)
 
 
-def compiled(arch: int) -> list[Kernel]:
-    """Compile every kernel for an architecture, and read what it takes."""
+def modules() -> list[tuple[Any, int]]:
+    """Return the modules of all kernels, and the threads of their blocks."""
     import warp as wp  # noqa: PLC0415  an extra
 
     from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
@@ -53,8 +53,15 @@ def compiled(arch: int) -> list[Kernel]:
 
     whole = (blend, lists, project, stopping, kernels, device_loss_kernels, device_paths)
     plain = [(wp.get_module(one.__name__), 256) for one in whole]
+    return [(kernel.module, threads) for kernel, threads in launched_by_blocks()] + plain
+
+
+def compiled(arch: int) -> list[Kernel]:
+    """Compile every kernel for an architecture, and read what it takes."""
+    import warp as wp  # noqa: PLC0415  an extra
+
     found = []
-    for module, threads in [(kernel.module, threads) for kernel, threads in launched_by_blocks()] + plain:
+    for module, threads in modules():
         module.options["block_dim"] = threads
         with tempfile.TemporaryDirectory() as folder:
             wp.compile_aot_module(module, device=None, arch=arch, module_dir=folder, use_ptx=False)

@@ -1,6 +1,7 @@
-"""What `gpu` asks of a GPU, part by part; each prints its figures. Not here: their order and their time (`gpu`).
+"""What `gpu` asks of a GPU, part by part; each prints its figures.
 
-Everything takes the renderer's device from `WarpBackend.place`, so that the flow of each part runs by fibers too.
+Everything takes the renderer's device from `WarpBackend.place`, so that the flow of each part runs by fibers too. Not
+here: whole shots (`gpu_whole`), the order and time of all parts (`gpu`).
 """
 
 import importlib.util
@@ -13,7 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,14 @@ import numba
 import numpy as np
 import torch
 
+from gs2ci.api.preparing import compile_kernels
+from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.decode.patches.denoiser import _denoise
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.matching import SIDE, Lattice, find_groups
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
-from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import places, recording
 from gs2ci.render.backend import load_backend
@@ -39,9 +39,9 @@ from gs2ci.render.settings import RasterSettings
 from gs2ci.render.trial import error_on
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
 from tests.render.reference import ReferenceBackend
-from tests.stability.benches import Bench
 
 SIZES = [(2000, (96, 128), 8), (12000, (192, 256), 8), (48000, (512, 512), 8), (48000, (512, 512), 32)]
+LARGE_FIT = "48,000 Gaussians, 512 × 512 × 8"
 ROUNDS = 20
 _SANITIZED_S = 90
 SANITIZERS = (Path("/usr/local/cuda/bin/compute-sanitizer"), Path("/opt/cuda/bin/compute-sanitizer"))
@@ -100,11 +100,23 @@ def here(asked: Asked) -> None:
         print(f"tensors of a fit lie on: {asked.backend.device}")
         if not torch.cuda.is_available():
             print("torch is built for the CPU, so that a fit stays there: scene and gradients are copied")
-    missing = [name for name in ("gsplat", "pycolmap", "cv2", "skimage") if importlib.util.find_spec(name) is None]
-    print(f"not installed: {', '.join(missing) or 'nothing that is used here'}")
-    began = time.perf_counter()
-    error = error_on(asked.place)
-    print(f"small scene as by the CPU, to {error:.1e}; {time.perf_counter() - began:.0f} s, of which most compiles")
+        tool = sanitizer()
+        print(f"compute-sanitizer: {tool or 'not there'}; gsplat: {importlib.util.find_spec('gsplat') is not None}")
+
+
+def compiled(asked: Asked) -> None:
+    """Compile all kernels, the CPU's and the device's, so that no time below holds any of it; then try the device."""
+    import warp as wp  # noqa: PLC0415  an extra
+
+    from tests.benchmarks.gpu_kernels import modules  # noqa: PLC0415
+
+    if not asked.small:
+        print(f"the CPU's kernels: {compile_kernels(Silent()):.0f} s on {os.cpu_count()} cores", flush=True)
+        began = time.perf_counter()
+        for module, threads in modules():
+            wp.force_load(asked.place, [module], block_dim=threads)
+        print(f"the device's kernels: {time.perf_counter() - began:.0f} s", flush=True)
+    print(f"small scene as by the CPU, to {error_on(asked.place):.1e}")
 
 
 def errors(asked: Asked) -> None:
@@ -204,17 +216,26 @@ def iterations(asked: Asked) -> None:
         "| Gaussians | size | views | ms of kernels | ms, rendering and gradient | ms, fit's iteration | "
         "ms, CPU's rendering and gradient |\n|---:|---|---:|---:|---:|---:|---:|"
     )
+    took = {}
     for count, size, views in [(200, (24, 32), 3)] if asked.small else SIZES:
         scene, intrinsics = fitted_like(count, size)
         poses, masks = small_motion(views), random_masks(views, size, 0.25)
         call = _rendering(asked.backend, scene, poses, intrinsics, masks)
         here = _rendering(load_backend("cpu"), scene, poses, intrinsics, masks)
         kernels, _ = _kernels_ms(asked, call)
+        fit_ms = _fit_ms(asked, count, size, views)
         print(
             f"| {count} | {size[0]} × {size[1]} | {views} | {kernels} | {_least_ms(asked, call, asked.rounds):.2f} | "
-            f"{_fit_ms(asked, count, size, views):.2f} | {_least_ms(asked, here, max(2, asked.rounds // 4)):.1f} |",
+            f"{fit_ms:.2f} | {_least_ms(asked, here, max(2, asked.rounds // 4)):.1f} |",
             flush=True,
         )
+        took[count, size, views] = fit_ms
+    beside_asked(f"iteration, {LARGE_FIT}", f"{took.get(SIZES[2], 0):.2f} ms", "2 ms")
+
+
+def beside_asked(what: str, found: str, asked_for: str) -> None:
+    """Print a figure beside what was asked."""
+    print(f"asked of {what}: {asked_for}; found: {found}", flush=True)
 
 
 def _rendering(backend: Any, scene: Gaussians, poses: Any, intrinsics: Any, masks: Any) -> Callable[[], object]:
@@ -319,9 +340,14 @@ def worst_kernel(asked: Asked) -> None:
 # ------------------------------------------------------------------------------------------------- races, gsplat
 
 
+def sanitizer() -> str | None:
+    """Return where compute-sanitizer is; None: it is not installed."""
+    return shutil.which("compute-sanitizer") or next((str(path) for path in SANITIZERS if path.exists()), None)
+
+
 def races(asked: Asked) -> None:
     """Races and accesses out of bounds, by NVIDIA's compute-sanitizer in a process of its own, where it is there."""
-    tool = shutil.which("compute-sanitizer") or next((str(path) for path in SANITIZERS if path.exists()), None)
+    tool = sanitizer()
     if tool is None or not asked.is_cuda:
         print("compute-sanitizer is not there: races were not looked for" if tool is None else "no CUDA device")
         return
@@ -345,6 +371,9 @@ def beside_gsplat(asked: Asked) -> None:
     if importlib.util.find_spec("gsplat") is None or not asked.is_cuda:
         print("gsplat is not installed: nothing is compared with it")
         return
+    # Its kernels are compiled when it is imported: for this card alone, on all cores.
+    os.environ.setdefault("TORCH_CUDA_ARCH_LIST", ".".join(map(str, torch.cuda.get_device_capability())))
+    os.environ.setdefault("MAX_JOBS", str(os.cpu_count()))
     from gsplat import rasterization  # type: ignore[import-not-found]  # noqa: PLC0415  not a dependency
 
     for count, size, views in SIZES[2:3]:
@@ -382,46 +411,3 @@ def beside_gsplat(asked: Asked) -> None:
             f"{_least_ms(asked, ours, asked.rounds):.2f} ms, and a quarter open, "
             f"{_least_ms(asked, quarter, asked.rounds):.2f} ms"
         )
-
-
-# --------------------------------------------------------------------------------------------------- whole shots
-
-
-def draft(asked: Asked) -> None:
-    """A whole draft on the device and on the CPU of the same machine, by stage."""
-    _whole_on_both(asked, "draft", (24, 32) if asked.small else (264, 353))
-
-
-def standard(asked: Asked) -> None:
-    """A whole standard on both."""
-    _whole_on_both(asked, "draft" if asked.small else "standard", (24, 32) if asked.small else (264, 353))
-
-
-def large_draft(asked: Asked) -> None:
-    """A draft of 1920 × 1080 px and 16 views, on the device alone."""
-    _whole("draft", f"warp:{asked.place}", (24, 32) if asked.small else (1080, 1920), 4 if asked.small else 16)
-
-
-def exponent(asked: Asked) -> None:
-    """Seconds of whole drafts from 256² to 2048² px, and the exponent of their growth in pixels."""
-    sides = (16, 24) if asked.small else (256, 512, 1024, 2048)
-    took = [_whole("draft", f"warp:{asked.place}", (side, side), 8)[0] for side in sides]
-    slope = float(np.polyfit(np.log(np.square(sides)), np.log(took), 1)[0])
-    print(f"exponent in pixels, {sides[0]}² to {sides[-1]}²: {slope:.2f}")
-
-
-def _whole_on_both(asked: Asked, name: str, size: tuple[int, int]) -> None:
-    there, _ = _whole(name, f"warp:{asked.place}", size, 8)
-    here, _ = _whole(name, "cpu", size, 8)
-    print(f"{name}: {here / there:.1f} times as fast as this machine's CPU ({os.cpu_count()} cores)")
-
-
-def _whole(name: str, backend: str, size: tuple[int, int], views: int) -> tuple[float, float]:
-    shot = Bench("motorcycle", views=views).expose(size)
-    began = time.perf_counter()
-    found = pipeline.reconstruct(shot, replace(preset(name), backend=backend)).result
-    took = time.perf_counter() - began
-    psnr_db = float(np.mean(psnr_per_view(found.views, shot.truth.views)))
-    stages = ", ".join(f"{stage} {seconds:.1f}" for stage, seconds in found.seconds.items())
-    print(f"{name}, {size[0]} × {size[1]} × {views}, {backend}: {took:.1f} s ({stages}), {psnr_db:.2f} dB", flush=True)
-    return took, psnr_db

@@ -78,8 +78,6 @@ LEAST_UNFOLLOWED: Final = 0.03
 _SURELY_PX: Final = 2.0
 # What moves less than this over the whole exposure is not reported as moving, px.
 _WORTH_SAYING_PX: Final = 0.5
-# Where more of the picture moves and no camera path was found, the camera may have moved instead.
-_MOST_OF_PICTURE: Final = 0.5
 # If the picture changes by less than this (full scale 1, averaged over a few pixels) between the middle of the exposure
 # and its ends, no motion is visible there.
 _VISIBLE_CHANGE: Final = 0.02
@@ -194,7 +192,8 @@ class MotionReport:
             if path is not None and turns_far(path):
                 turn_deg = largest_turn_deg(path)
                 return (finding(Code.MOTION_AROUND, share=share, median_px=median_px, turn_deg=turn_deg),)
-            whole = path is None and share > _MOST_OF_PICTURE
+            # Where most of the picture moves and no camera path was found, the camera may have moved instead.
+            whole = path is None and share > 0.5
             code = Code.MOTION_OR_CAMERA if whole else Code.SCENE_MOVES
             return (finding(code, share=share, median_px=median_px, most_px=speeds.most_px),)
         left = self.question.left

@@ -19,8 +19,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import onnx_package, write_traced
-from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
+from gs2ci.reconstruct.learned.onnx_models import write_traced
+from gs2ci.reconstruct.learned.weight_file import Convolution, folded, read_state
 
 FRAMES: Final = 5
 _AT_ONCE: Final = 3
@@ -31,18 +31,10 @@ _ALLOWED: Final = "the state dictionary of FastDVDnet for colour: temp1 and temp
 
 
 @dataclass(frozen=True)
-class NetworkLayer:
-    """A convolution, and whether a ReLU follows it (if a batch normalisation did)."""
-
-    convolution: Convolution
-    rectified: bool
-
-
-@dataclass(frozen=True)
 class UNet:
-    """One of the two steps: the layers of its stages, by the authors' names."""
+    """One of the two steps: the layers of its stages, by the authors' names; a ReLU follows a batch normalisation."""
 
-    stages: dict[str, tuple[NetworkLayer, ...]]
+    stages: dict[str, tuple[Convolution, ...]]
 
     def __call__(self, frames: list[Tensor], level: Tensor) -> Tensor:
         """Denoise the middle one of three frames, each [N, 3, H, W]; `level` is sigma's map, [N, 1, H, W]."""
@@ -54,9 +46,9 @@ class UNet:
 
     def _stage(self, name: str, x: Tensor) -> Tensor:
         for i, layer in enumerate(self.stages[name]):
-            weight, bias = layer.convolution.weight, layer.convolution.bias
-            x = functional.conv2d(x, weight, bias, stride=_stride(name, i), padding=1, groups=_groups(name, i))
-            x = functional.relu(x) if layer.rectified else x
+            how = {"stride": _stride(name, i), "padding": 1, "groups": _groups(name, i)}
+            x = functional.conv2d(x, layer.weight, layer.bias, **how)
+            x = functional.relu(x) if layer.normalised else x
         return x
 
 
@@ -91,7 +83,7 @@ def read_fastdvdnet(path: Path) -> FastDvdNet:
             layers.setdefault((step, stage), {}).setdefault(place, {})[part] = tensor
     nets = []
     for step in ("temp1", "temp2"):
-        stages = {stage: _stage_layers(layers.get((step, stage), {})) for stage in _STAGES}
+        stages = {stage: folded(layers.get((step, stage), {}).values()) for stage in _STAGES}
         if not _fits(stages):
             raise InputError(f"{path} does not hold the layers of FastDVDnet", allowed=_ALLOWED)
         nets.append(UNet(stages))
@@ -109,33 +101,12 @@ def export_fastdvdnet(network: FastDvdNet, path: Path) -> Path:
         InputError: The package `onnx` is not installed.
         StorageError: The file cannot be written.
     """
-    onnx_package()
     given = {"frames": torch.zeros(1, FRAMES, 3, 8, 8), "sigma": torch.zeros(1)}
     axes = {"frames": {0: "n", 3: "h", 4: "w"}, "sigma": {0: "n"}, "denoised": {0: "n", 2: "h", 3: "w"}}
     return write_traced(network, given, axes, path)
 
 
-def _stage_layers(modules: dict[str, dict[str, Tensor]]) -> tuple[NetworkLayer, ...]:
-    """Fold each batch normalisation into the convolution before it; none if the modules do not form such pairs."""
-    layers: list[NetworkLayer] = []
-    for module in modules.values():
-        weight = module.get("weight")
-        if weight is not None and weight.ndim == 4 and weight.shape[2:] == (3, 3):
-            layers.append(
-                NetworkLayer(Convolution(weight, module.get("bias", torch.zeros(len(weight)))), rectified=False)
-            )
-        elif layers and all(
-            part in module and len(module[part]) == len(layers[-1].convolution.bias) for part in BATCH_NORM
-        ):
-            layers[-1] = NetworkLayer(
-                fold(layers[-1].convolution, *(module[part] for part in BATCH_NORM)), rectified=True
-            )
-        else:
-            return ()
-    return tuple(layers)
-
-
-def _fits(stages: dict[str, tuple[NetworkLayer, ...]]) -> bool:
+def _fits(stages: dict[str, tuple[Convolution, ...]]) -> bool:
     """Tell whether each layer's input fits the output of the one before, through all halvings and doublings."""
     channels = _AT_ONCE * 4
     given: dict[str, int] = {}
@@ -143,10 +114,9 @@ def _fits(stages: dict[str, tuple[NetworkLayer, ...]]) -> bool:
         if not layers:
             return False
         for i, layer in enumerate(layers):
-            weight = layer.convolution.weight
-            if weight.shape[1] * _groups(stage, i) != channels:
+            if layer.weight.shape[1] * _groups(stage, i) != channels:
                 return False
-            channels = int(weight.shape[0])
+            channels = len(layer.weight)
         if stage in ("upc2", "upc1"):
             channels, rest = divmod(channels, 4)
             if rest or channels != given["downc0" if stage == "upc2" else "inc"]:

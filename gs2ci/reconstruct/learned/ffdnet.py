@@ -22,8 +22,8 @@ from torch.nn import functional
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import onnx_package, write_traced
-from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
+from gs2ci.reconstruct.learned.onnx_models import write_traced
+from gs2ci.reconstruct.learned.weight_file import Convolution, folded, read_state
 
 _PROBE_SIGMA: Final = 25 / 255
 # With the right order and sign less than a fifth of the noise of a smooth image remains, with each wrong combination
@@ -98,7 +98,6 @@ def export_ffdnet(network: FfdNet, path: Path) -> Path:
         InputError: The package `onnx` is not installed.
         StorageError: The file cannot be written.
     """
-    onnx_package()
     sides = {0: "n", 2: "h", 3: "w"}
     given = {"noisy": torch.zeros(1, network.channels, 8, 8), "sigma": torch.zeros(1)}
     return write_traced(network, given, {"noisy": sides, "sigma": {0: "n"}, "denoised": sides}, path)
@@ -110,32 +109,22 @@ def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
     for name, tensor in state.items():
         if match := re.search(r"(\d+)\.(weight|bias|running_mean|running_var)$", name):
             modules.setdefault(int(match[1]), {})[match[2]] = tensor
-    layers: list[Convolution] = []
-    for _, module in sorted(modules.items()):
-        weight = module.get("weight")
-        if weight is not None and weight.ndim == 4:
-            layers.append(Convolution(weight, module.get("bias", torch.zeros(len(weight)))))
-        elif layers and all(part in module and module[part].shape == layers[-1].bias.shape for part in BATCH_NORM):
-            layers[-1] = fold(layers[-1], *(module[part] for part in BATCH_NORM))
-        else:
-            layers.clear()
-            break
+    layers = folded(module for _, module in sorted(modules.items()))
     if not _chained(layers):
         raise InputError(
             f"{path} does not hold the layers of an FFDNet",
             allowed="3 x 3 convolutions from 5 (grey) or 13 (colour) channels back to 4 or 12",
         )
-    return tuple(layers)
+    return layers
 
 
-def _chained(layers: list[Convolution]) -> bool:
+def _chained(layers: tuple[Convolution, ...]) -> bool:
     """Tell whether each layer's input fits the output before it, and the whole has FFDNet's input and output."""
     if len(layers) < 2:
         return False
     shapes = [layer.weight.shape for layer in layers]
     through = all(before[0] == after[1] for before, after in pairwise(shapes))
-    kernels = all(shape[2:] == (3, 3) for shape in shapes)
-    return through and kernels and (shapes[0][1], shapes[-1][0]) in ((5, 4), (13, 12))
+    return through and (shapes[0][1], shapes[-1][0]) in ((5, 4), (13, 12))
 
 
 def _resolve(network: FfdNet) -> FfdNet | None:

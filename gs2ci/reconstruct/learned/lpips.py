@@ -16,9 +16,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, onnx_package, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, onnx_package, run_model
 
-_CALLED: Final = "two images [1, 3, H, W] float32 in [-1, 1]; one number comes out"
 _TRIAL_SIDE: Final = 64  # four halvings leave four pixels
 # Tolerance: convolutions sum in a different order in torch and in ONNX Runtime, in float32 over a million terms.
 _AGREEMENT: Final = 1e-3
@@ -27,29 +26,31 @@ Attributes = Mapping[str, Any]
 Operator = Callable[[Sequence[Tensor], Attributes], Tensor]
 
 
-class Lpips:
-    """A learned perceptual distance.
+class Lpips(OnnxModel):
+    """A learned perceptual distance in an ONNX file; see `OnnxModel`.
 
     Args:
         path: The file.
 
     Raises:
-        InputError: No such file, the package onnx is not installed, ONNX Runtime refuses the file, it does not take two
-            images and return one number, it contains an operator that is not known here, or one whose result differs
-            from ONNX Runtime's.
+        InputError: The file cannot be used, the package onnx is not installed, the model does not return one number, it
+            contains an operator that is not known here, or one whose result differs from ONNX Runtime's.
     """
 
     name = "LPIPS"
+    kind = "an LPIPS model"
+    called = "two images [1, 3, H, W] float32 in [-1, 1]; one number comes out"
+    missing = "name the ONNX file of an LPIPS of yours, or do without it"
 
     def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        session = open_model(self.path, "name the ONNX file of an LPIPS of yours, or do without it")
-        inputs = session.get_inputs()
-        if len(inputs) != 2 or any(one.type != "tensor(float)" or len(one.shape) != 4 for one in inputs):
-            raise InputError(f"{self.path} is not an LPIPS model: it takes {signature(session)}", allowed=_CALLED)
-        self._sides = tuple(fixed_side(side) for side in inputs[0].shape[2:])
+        super().__init__(path)
+        self._sides = tuple(fixed_side(side) for side in self.inputs[0].shape[2:])
         self._graph = _Graph(self.path)
-        self._check_against(session)
+        self._check()
+
+    def is_one(self) -> bool:
+        """Tell by inputs and outputs whether the file is of this kind."""
+        return self.ranks == [4, 4]
 
     def __call__(self, image: Tensor, target: Tensor) -> Tensor:
         """Compare images [H, W, 3], full scale 1; the gradient reaches `image` only.
@@ -66,18 +67,18 @@ class Lpips:
         planes = [part.permute(2, 0, 1)[None] * 2 - 1 for part in (image, target.detach())]
         return self._graph.run(planes).sum()
 
-    def _check_against(self, session: Any) -> None:
+    def _check(self) -> None:
+        """Compare the graph with ONNX Runtime."""
         generator = torch.Generator().manual_seed(0)
         sides = [side or _TRIAL_SIDE for side in self._sides]
         trial = [torch.rand(1, 3, *sides, generator=generator) * 2 - 1 for _ in range(2)]
-        names = [one.name for one in session.get_inputs()]
-        feed = {name: part.numpy() for name, part in zip(names, trial, strict=True)}
-        answers = run_model(session, self.path.name, feed, "export it with dynamic height and width")
-        wanted = np.asarray(answers[session.get_outputs()[0].name])
+        feed = {one.name: part.numpy() for one, part in zip(self.inputs, trial, strict=True)}
+        answers = run_model(self._session, self.path.name, feed, "export it with dynamic height and width")
+        wanted = np.asarray(answers[self.outputs[0].name])
         with torch.no_grad():
             found = self._graph.run(trial).numpy()
         if wanted.size != 1 or not np.isfinite(wanted).all():
-            raise InputError(f"{self.path.name} returns {list(wanted.shape)} of two images", allowed=_CALLED)
+            raise InputError(f"{self.path.name} returns {list(wanted.shape)} of two images", allowed=self.called)
         if abs(float(found.sum()) - float(wanted.sum())) > _AGREEMENT * max(1e-3, abs(float(wanted.sum()))):
             raise InputError(
                 f"{self.path.name} gives {float(found.sum()):.6g} here, but in ONNX Runtime {float(wanted.sum()):.6g}",

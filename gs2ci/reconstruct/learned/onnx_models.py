@@ -1,9 +1,9 @@
 """Third-party model files: loading them by ONNX Runtime, and the list of those that the user has added.
 
-Here: opening a file with a clear error for every refusal, running it, tracing a network into one, and the list of
-models that the user has added by name. Not here: what any model takes and returns (`onnx_denoiser`,
-`paper.priors2d.onnx_prior`, `vggt`). ONNX Runtime is imported when a model is loaded, the package `onnx` when a graph
-is written or read.
+Here: opening a file with a clear error for every refusal, running it and checking its answer, tracing a network into
+one, and the list of models that the user has added by name. Not here: what any model takes and returns
+(`onnx_denoiser`, `paper.priors2d.onnx_prior`, `vggt`). ONNX Runtime is imported when a model is loaded, the package
+`onnx` when a graph is written or read.
 """
 
 import hashlib
@@ -12,15 +12,17 @@ import io
 import json
 import os
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import write_whole
@@ -93,7 +95,13 @@ def trace(
 def write_traced(
     network: Callable[..., Any], given: Mapping[str, Tensor], axes: Mapping[str, Mapping[int, str]], path: Path
 ) -> Path:
-    """Write a denoiser's graph with its one output `denoised` to a file, which appears whole or not at all."""
+    """Write a denoiser's graph with its one output `denoised` to a file, which appears whole or not at all.
+
+    Raises:
+        InputError: The package `onnx` is not installed.
+        StorageError: The file cannot be written.
+    """
+    onnx_package()
     content = io.BytesIO()
     trace(network, given, ["denoised"], axes, content)
     return write_whole(path, content.getvalue(), parents=True)
@@ -153,10 +161,103 @@ def first_line(error: Exception) -> str:
     return str(error).strip().split("\n", maxsplit=1)[0][:300]
 
 
-def signature(session: Any) -> str:
-    """Describe a model's inputs."""
-    found = ", ".join(f"{one.name} {one.shape} {one.type}" for one in session.get_inputs())
-    return found or "nothing"
+class OnnxModel(ABC):
+    """A model file of one kind, run by ONNX Runtime on the CPU.
+
+    Args:
+        path: The file.
+
+    Attributes:
+        inputs: What it takes, in ONNX Runtime's records.
+        outputs: What it returns, likewise.
+
+    Raises:
+        InputError: No such file, a file that ONNX Runtime refuses (damaged, of an unknown operator set), or inputs and
+            outputs other than those of this kind.
+    """
+
+    kind: ClassVar[str]
+    """What such a file is called, with its article."""
+    called: ClassVar[str]
+    """What it takes."""
+    missing: ClassVar[str]
+    """What to do if there is no such file."""
+    wrap: ClassVar[str] = "wrap the network so that it has this signature, and export it again"
+    """What to do if it takes something else."""
+    of: ClassVar[str] = "images"
+    """What it is run on."""
+    makes: ClassVar[str] = "images"
+    """What it returns."""
+    scaled: ClassVar[str] = "check that the model takes images with full scale 1"
+    """What to do if it returns numbers that are not finite."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._session = open_model(self.path, self.missing)
+        self.inputs, self.outputs = self._session.get_inputs(), self._session.get_outputs()
+        if not self.is_one():
+            taken = ", ".join(f"{one.name} {one.shape} {one.type}" for one in self.inputs) or "nothing"
+            raise InputError(
+                f"{self.path} is not {self.kind}: it takes {taken} and returns "
+                f"{', '.join(one.name for one in self.outputs)}",
+                allowed=self.called,
+                remedy=self.wrap,
+            )
+
+    @abstractmethod
+    def is_one(self) -> bool:
+        """Tell by inputs and outputs whether the file is of this kind."""
+
+    @property
+    def ranks(self) -> list[int] | None:
+        """Get the numbers of axes of the inputs; None if one of these is not of float32."""
+        floats = all(one.type == "tensor(float)" for one in self.inputs)
+        return [len(one.shape) for one in self.inputs] if floats else None
+
+    def padded(self, stack: F32, taken: Any, mode: Literal["symmetric", "reflect"] = "symmetric") -> F32:
+        """Continue pictures, [..., H, W], to the sides that an input has, to multiples of 8 where it leaves them open.
+
+        Args:
+            stack: The pictures.
+            taken: The input.
+            mode: How they are mirrored.
+
+        Raises:
+            InputError: A side is fixed, and smaller.
+        """
+        had, sides = stack.shape[-2:], [fixed_side(side) for side in taken.shape[-2:]]
+        if any(side is not None and side < size for side, size in zip(sides, had, strict=True)):
+            raise InputError(
+                f"{self.path.name} takes {self.of} of {sides[0] or 'any'} x {sides[1] or 'any'} pixels, not of "
+                f"{had[0]} x {had[1]}",
+                remedy="export the model with dynamic height and width",
+            )
+        more = [(0, side - size if side else -size % SIDE_MULTIPLE) for side, size in zip(sides, had, strict=True)]
+        return np.pad(stack, [(0, 0)] * (stack.ndim - 2) + more, mode=mode)
+
+    def answer(self, fed: Sequence[Any], wanted: tuple[int, ...], at: str = "") -> F32:
+        """Run the model; return its first output.
+
+        Args:
+            fed: What it takes, in the order of its inputs; more than it has are left out.
+            wanted: The shape that it should return.
+            at: With which further numbers it is run, for the error.
+
+        Raises:
+            NumericsError: It failed, or returned another shape, NaN or infinity.
+        """
+        name, first = self.path.name, self._session.get_outputs()[0].name
+        feed = {one.name: np.asarray(value, order="C") for one, value in zip(self.inputs, fed, strict=False)}
+        remedy = f"check the model with {self.of} of its own; export it with dynamic height and width"
+        found = np.asarray(run_model(self._session, name, feed, remedy)[first])
+        if found.shape != wanted:
+            raise NumericsError(
+                f"{name} made {list(found.shape)} of {self.of} {list(np.shape(fed[0]))}",
+                allowed=f"{self.makes}, {list(wanted)}",
+            )
+        if not np.isfinite(found).all():
+            raise NumericsError(f"{name} returned numbers that are not finite{at}", remedy=self.scaled)
+        return found.astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,8 @@
 """Networks that map a measurement and its masks to views, from ONNX files, run by ONNX Runtime on the CPU.
 
-Here: the supported signature, the shots that a network accepts, and an error for every way in which a file or its
-output can be wrong. Not here: any network. The signature is that of EfficientSCI and STFormer (Wang et al. 2023, 2022),
-as their programs (github.com/ucaswangls) call a network in `tools/test.py`. `tests/benchmarks/small_network.py` trains
-a tiny one on the simulator.
+Here: the supported signature, and the shots that a network accepts. Not here: any network. The signature is that of
+EfficientSCI and STFormer (Wang et al. 2023, 2022), as their programs (github.com/ucaswangls) call a network in
+`tools/test.py`. `tests/benchmarks/small_network.py` trains a tiny one on the simulator.
 
 A model takes, in this order and float32,
 
@@ -18,46 +17,36 @@ A grey network is run for each colour of a colour measurement, and for each of t
 views are then demosaicked. Sides may be open, and are then padded to a multiple of 8, or fixed.
 """
 
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
-from gs2ci.reconstruct.learned.onnx_models import SIDE_MULTIPLE, fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
-_RANK: Final = 4
 # Axes (rows, columns) whose reversal makes a mosaic start with R G.
 _FLIPS: Final[dict[str, tuple[int, ...]]] = {"RGGB": (), "GRBG": (1,), "GBRG": (0,), "BGGR": (0, 1)}
-_CALLED: Final = "y [1, 1, H, W], masks [1, N, H, W] and, if at all, their sum [1, 1, H, W], float32"
-_REMEDY: Final = "wrap the network so that it has this signature, and export it again"
 
 
-class OnnxVideoDecoder:
-    """A decoder in an ONNX file.
+class OnnxVideoDecoder(OnnxModel):
+    """A decoder in an ONNX file; see `OnnxModel`."""
 
-    Args:
-        path: The file.
+    kind = "a decoder of measurements"
+    called = "y [1, 1, H, W], masks [1, N, H, W] and, if at all, their sum [1, 1, H, W], float32"
+    missing = "`python -m tests.benchmarks.small_network FILE` trains a tiny one"
+    of = "measurements"
+    makes = "views"
+    scaled = "check that the model takes measurements that are not normalised"
 
-    Raises:
-        InputError: No such file, a file that ONNX Runtime refuses, or inputs and outputs other than a decoder's.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        self._session = open_model(self.path, "`python -m tests.benchmarks.small_network FILE` trains a tiny one")
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        ranks = [len(one.shape) for one in inputs]
-        if len(inputs) not in (2, 3) or set(ranks) != {_RANK} or any(one.type != "tensor(float)" for one in inputs):
-            raise self._refusal()
-        if fixed_side(inputs[0].shape[1]) not in (None, 1) or not outputs or len(outputs[0].shape) not in (4, 5):
-            raise self._refusal()
-        self._inputs = inputs
-        self._colour = len(outputs[0].shape) == 5
+    def is_one(self) -> bool:
+        """Tell by inputs and outputs whether the file is of this kind."""
+        if self.ranks not in ([4] * 2, [4] * 3) or fixed_side(self.inputs[0].shape[1]) not in (None, 1):
+            return False
+        return len(self.outputs[0].shape) in (4, 5)
 
     def __call__(self, shot: Shot) -> F32:
         """Decode a shot into views, [N, H, W, C] float32, not clamped; C is 3 with a colour filter array.
@@ -68,7 +57,7 @@ class OnnxVideoDecoder:
             NumericsError: The model failed, or returned another shape, NaN or infinity.
         """
         masks = (shot.masks * shot.weights[:, None, None]).astype(np.float32)
-        if self._colour:
+        if len(self.outputs[0].shape) == 5:
             return self._colour_views(shot, masks)
         if shot.cfa is None:
             planes = [self._grey(shot.measurement[..., c], masks) for c in range(shot.measurement.shape[2])]
@@ -102,40 +91,16 @@ class OnnxVideoDecoder:
     def _run(self, measurement: F32, masks: F32, leading: tuple[int, ...]) -> F32:
         """Run the network on y [H, W] and Φ [N, H, W]; returns [*leading, H, W]."""
         height, width = measurement.shape
-        count = fixed_side(self._inputs[1].shape[1])
-        sides = [fixed_side(side) for side in self._inputs[1].shape[2:]]
-        if count not in (None, len(masks)) or any(
-            s not in (None, had) for s, had in zip(sides, (height, width), strict=True)
-        ):
+        count, *sides = (fixed_side(side) for side in self.inputs[1].shape[1:])
+        fixed = zip((count, *sides), masks.shape, strict=True)
+        if any(side not in (None, had) for side, had in fixed):
             raise InputError(
                 f"{self.path.name} takes {count or 'any number of'} masks of {sides[0] or 'any'} x "
                 f"{sides[1] or 'any'} px, not {len(masks)} of {height} x {width}",
                 remedy="export the model with open axes, or crop the measurement",
             )
-        rows, columns = (0 if s else -had % SIDE_MULTIPLE for s, had in zip(sides, (height, width), strict=True))
         # Mirrored about the last pixel, which keeps the pattern of a mosaic.
-        around = ((0, 0), (0, 0), (0, rows), (0, columns))
-        y, phi = (np.pad(one, around, mode="reflect") for one in (measurement[None, None], masks[None]))
+        y, phi = (self.padded(one[None], self.inputs[1], "reflect") for one in (measurement[None], masks))
         total = phi.sum(axis=1, keepdims=True)
-        fed: list[F32] = [y, phi, np.where(total == 0, np.float32(1), total)]
-        feed: dict[str, Any] = {
-            one.name: np.ascontiguousarray(value, np.float32) for one, value in zip(self._inputs, fed, strict=False)
-        }
-        first = self._session.get_outputs()[0].name
-        views = run_model(self._session, self.path.name, feed, "check the model with its own measurements")[first]
-        wanted = (*leading, height + rows, width + columns)
-        if views.shape != wanted:
-            raise NumericsError(f"{self.path.name} made {list(views.shape)}", allowed=f"views {list(wanted)}")
-        if not np.isfinite(views).all():
-            raise NumericsError(
-                f"{self.path.name} returned numbers that are not finite",
-                remedy="check that the model takes measurements that are not normalised",
-            )
-        return views[..., :height, :width].astype(np.float32, copy=False)
-
-    def _refusal(self) -> InputError:
-        return InputError(
-            f"{self.path} is not a decoder of measurements: it takes {signature(self._session)}",
-            allowed=_CALLED,
-            remedy=_REMEDY,
-        )
+        views = self.answer((y, phi, np.where(total == 0, np.float32(1), total)), (*leading, *y.shape[2:]))
+        return views[..., :height, :width]

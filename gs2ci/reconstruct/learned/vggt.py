@@ -1,7 +1,7 @@
 """VGGT (Wang et al. 2025) by ONNX Runtime: poses and depth of a few views at once, from a file of the user.
 
-Here: the model's signature, the conversion of our views to its images and back, and an error for every way in which a
-file or its output can be wrong. Not here: which outputs are accepted (`paper.hierarchy`), how such a file is made
+Here: the model's signature, the conversion of our views to its images and back, and an error for every way in which its
+output can be wrong. Not here: which outputs are accepted (`paper.hierarchy`), how such a file is made
 (`vggt_export`).
 
 A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,
@@ -16,7 +16,6 @@ Other outputs are ignored.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import cv2
@@ -25,13 +24,10 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, run_model
 
 _PATCH: Final = 14
 LONGER_SIDE: Final = 518  # what it was trained at: the longer side
-_CALLED: Final = (
-    "images [S, 3, H, W] or [1, S, 3, H, W] float32; pose_enc (or extrinsics and intrinsics), depth, depth_conf"
-)
 _REMEDY: Final = "export it again with `gs2ci models export-vggt`, or take --geometry tracks"
 _POSES: Final = ("pose_enc", "pose_encoding")
 _DEPTHS: Final = ("depth", "depth_map")
@@ -54,40 +50,26 @@ class Prediction:
     depth: F32
 
 
-class Vggt:
-    """A VGGT model in an ONNX file.
+class Vggt(OnnxModel):
+    """A VGGT model in an ONNX file; see `OnnxModel`."""
 
-    Args:
-        path: The file.
+    kind = "a VGGT model"
+    called = (
+        "images [S, 3, H, W] or [1, S, 3, H, W] float32; pose_enc (or extrinsics and intrinsics), depth, depth_conf"
+    )
+    missing = "`gs2ci models export-vggt` makes one; `gs2ci models add vggt FILE`"
+    wrap = _REMEDY
 
-    Raises:
-        InputError: No such file, a file that ONNX Runtime refuses, or inputs and outputs other than those of VGGT.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        self._session = open_model(self.path, "`gs2ci models export-vggt` makes one; `gs2ci models add vggt FILE`")
-        inputs = self._session.get_inputs()
-        outputs = {one.name for one in self._session.get_outputs()}
-        posed = outputs.intersection(_POSES) or {"extrinsics", "intrinsics"} <= outputs
-        if (
-            len(inputs) != 1
-            or inputs[0].type != "tensor(float)"
-            or len(inputs[0].shape) not in (4, 5)
-            or not (posed and outputs.intersection(_DEPTHS))
-        ):
-            raise InputError(
-                f"{self.path} is not a VGGT model: it takes {signature(self._session)} and returns "
-                f"{', '.join(sorted(outputs))}",
-                allowed=_CALLED,
-                remedy=_REMEDY,
-            )
-        self._images = inputs[0]
+    def is_one(self) -> bool:
+        """Tell by inputs and outputs whether the file is of this kind."""
+        names = {one.name for one in self.outputs}
+        posed = names.intersection(_POSES) or {"extrinsics", "intrinsics"} <= names
+        return self.ranks in ([4], [5]) and bool(posed and names.intersection(_DEPTHS))
 
     @property
     def taken(self) -> str:
         """Get the number of views that it takes, in words."""
-        count = fixed_side(self._images.shape[-4])
+        count = fixed_side(self.inputs[0].shape[-4])
         return "any number of views" if count is None else f"exactly {count} views"
 
     def predict(self, views: F32, order: Sequence[int]) -> Prediction:
@@ -97,7 +79,7 @@ class Vggt:
             InputError: The file's number of views is fixed, and differs.
             NumericsError: The model failed, an output has another shape, is not finite, or is no rotation.
         """
-        shape = self._images.shape[-4:]
+        shape = self.inputs[0].shape[-4:]
         wanted = fixed_side(shape[0])
         if wanted not in (None, len(views)):
             raise InputError(
@@ -106,8 +88,8 @@ class Vggt:
             )
         frame = _Frame.of(views.shape[1:3], fixed_side(shape[2]), fixed_side(shape[3]))
         images = np.stack([frame.filled(views[i]) for i in order]).transpose(0, 3, 1, 2)
-        fed = np.ascontiguousarray(images if len(self._images.shape) == 4 else images[None], np.float32)
-        answer = run_model(self._session, self.path.name, {self._images.name: fed}, _REMEDY)
+        fed = np.ascontiguousarray(images if len(self.inputs[0].shape) == 4 else images[None], np.float32)
+        answer = run_model(self._session, self.path.name, {self.inputs[0].name: fed}, _REMEDY)
         back = np.argsort(order)
         count, (rows, columns) = len(views), frame.total
         poses, focal = self._cameras(answer, count, frame)

@@ -5,6 +5,7 @@ here: which layers a network has (`ffdnet`, `fastdvdnet`).
 """
 
 import pickle
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,16 +18,16 @@ from gs2ci.core.errors import InputError
 # First bytes of PyTorch files: present archives, and older pickles.
 _OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
 _BATCH_NORM_EPSILON: Final = 1e-5
-BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
-"""The tensors of a batch normalisation, as `fold` takes them."""
+_BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
 
 
 @dataclass(frozen=True)
 class Convolution:
-    """One layer: weight, [O, I, 3, 3], and bias, [O], float32."""
+    """One layer: weight, [O, I, 3, 3], and bias, [O], float32; and whether a batch normalisation was folded into it."""
 
     weight: Tensor
     bias: Tensor
+    normalised: bool = False
 
 
 def read_state(path: Path, network: str) -> dict[str, Tensor]:
@@ -57,11 +58,32 @@ def read_state(path: Path, network: str) -> dict[str, Tensor]:
     return {name: value.float() for name, value in state.items()}
 
 
-def fold(layer: Convolution, gain: Tensor, shift: Tensor, mean: Tensor, variance: Tensor) -> Convolution:
-    """Fold the batch normalisation after a convolution into it."""
-    scale = gain.double() / torch.sqrt(variance.double() + _BATCH_NORM_EPSILON)
+def folded(modules: Iterable[Mapping[str, Tensor]]) -> tuple[Convolution, ...]:
+    """Fold each batch normalisation into the convolution before it.
+
+    Args:
+        modules: Their tensors by the names that PyTorch gives them, in the order of the network.
+
+    Returns:
+        The convolutions; none if the modules are not of 3 x 3, each with at most one normalisation after it.
+    """
+    layers: list[Convolution] = []
+    for module in modules:
+        weight = module.get("weight")
+        if weight is not None and weight.ndim == 4 and weight.shape[2:] == (3, 3):
+            layers.append(Convolution(weight, module.get("bias", torch.zeros(len(weight)))))
+            continue
+        parts = [module.get(part) for part in _BATCH_NORM]
+        if not layers or any(part is None or part.shape != layers[-1].bias.shape for part in parts):
+            return ()
+        layers[-1] = _fold(layers[-1], *(part.double() for part in parts if part is not None))
+    return tuple(layers)
+
+
+def _fold(layer: Convolution, gain: Tensor, shift: Tensor, mean: Tensor, variance: Tensor) -> Convolution:
+    scale = gain / torch.sqrt(variance + _BATCH_NORM_EPSILON)
     weight = layer.weight.double() * scale[:, None, None, None]
-    return Convolution(weight.float(), ((layer.bias.double() - mean.double()) * scale + shift.double()).float())
+    return Convolution(weight.float(), ((layer.bias.double() - mean) * scale + shift).float(), normalised=True)
 
 
 def _what_is_wrong(path: Path, error: Exception) -> str:

@@ -14,11 +14,9 @@ from scipy.special import expit, logit
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.blocks import RIDGE
-from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
+from gs2ci.reconstruct.measurement.blocks import ridged
+from gs2ci.reconstruct.measurement.displacements import FIRST_ORDER_PX, BlockDisplacements, displacements
 
-# A block at rest may seem displaced by so much, px over the exposure, besides the standard error: first-order errors.
-_AT_REST_PX: Final = 0.15
 # One that moves does so by about one of these, px over the exposure.
 _MOVING_PX: Final = (1.0, 2.5, 6.0)
 # The natural logarithm of the likelihood ratio against a picture without any block at rest, and the share of blocks at
@@ -68,7 +66,7 @@ def _moves_smoothly(displaced: BlockDisplacements, places: F64, share: float, ev
     """
     x, y = places.T
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    weights = np.linalg.inv(displaced.covariance + np.eye(displaced.px.shape[1]) * _AT_REST_PX**2)
+    weights = np.linalg.inv(displaced.covariance + np.eye(displaced.px.shape[1]) * FIRST_ORDER_PX**2)
     # The design of one block: its two displacements of even motion, by the parameters along x, then along y.
     design = np.zeros((len(x), displaced.px.shape[1], 2 * basis.shape[1]))
     design[:, 0, : basis.shape[1]] = design[:, 1, basis.shape[1] :] = basis
@@ -78,8 +76,7 @@ def _moves_smoothly(displaced: BlockDisplacements, places: F64, share: float, ev
     # From all blocks at first, then from those that move so.
     belongs = np.ones(len(x))
     for _ in range(_FIELD_STEPS):
-        gram = np.tensordot(belongs, grams, axes=1)
-        gram += np.eye(len(gram)) * max(RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
+        gram = ridged(np.tensordot(belongs, grams, axes=1))
         field = design @ np.linalg.solve(gram, belongs @ moments)
         share, found = _likeliest_share(displaced, field)
         if found > evidence + penalty:
@@ -90,7 +87,7 @@ def _moves_smoothly(displaced: BlockDisplacements, places: F64, share: float, ev
 
 def _log_ratio(displaced: BlockDisplacements, expected: F64 | float) -> F64:
     """Return by how much likelier blocks move as expected, [B, K], than anyhow (natural logarithm, [B])."""
-    as_expected = _log_likelihood(displaced.px - expected, displaced.covariance, _AT_REST_PX)
+    as_expected = _log_likelihood(displaced.px - expected, displaced.covariance, FIRST_ORDER_PX)
     anyhow = [_log_likelihood(displaced.px, displaced.covariance, size) for size in _MOVING_PX]
     return as_expected - np.logaddexp.reduce(anyhow) + np.log(len(_MOVING_PX))
 

@@ -18,6 +18,13 @@ CHANCE: Final = 1e-3
 RIDGE: Final = 1e-6
 
 
+def ridged(gram: F64) -> F64:
+    """Return the matrices of normal equations, [..., K, K], raised so far that each can be inverted."""
+    size = gram.shape[-1]
+    least = np.maximum(RIDGE * np.trace(gram, axis1=-2, axis2=-1) / size, np.finfo(np.float64).tiny)
+    return np.asarray(gram + np.eye(size) * least[..., None, None], np.float64)
+
+
 def in_blocks(picture: F32 | F64) -> F64:
     """Cut a picture, [H, W, C], into blocks, zero beyond the border: [B, B', pixels of a block, C]."""
     height, width, channels = picture.shape
@@ -26,6 +33,12 @@ def in_blocks(picture: F32 | F64) -> F64:
     padded[:height, :width] = picture
     cut = padded.reshape(down, BLOCK_PX, across, BLOCK_PX, channels).swapaxes(1, 2)
     return cut.reshape(down, across, BLOCK_PX**2, channels)
+
+
+def block_sums(values: F64, side_px: int) -> F64:
+    """Sum over blocks of this side, smaller ones at the end: [..., H, W] to [..., B, B']."""
+    rows, columns = (np.arange(0, length, side_px) for length in values.shape[-2:])
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1), np.float64)
 
 
 def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int) -> NDArray[np.intp]:

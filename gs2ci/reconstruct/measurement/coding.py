@@ -19,6 +19,8 @@ from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 _CHANNEL: Final = {"R": 0, "G": 1, "B": 2}
 # Noise of the dark level alone makes half of the closed pixels positive, but not by this share of a view's full scale.
 EXCESS: Final = 0.05
+# A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
+DARK: Final = 0.02
 # If a larger share of readings is beyond white, they are not outliers: the unit or the masks are wrong.
 MOST_OUTLIERS: Final = 0.1
 

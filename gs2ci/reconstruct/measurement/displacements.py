@@ -20,17 +20,17 @@ from typing import Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, RIDGE, in_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks, ridged
+from gs2ci.reconstruct.measurement.noise import MEDIAN_DEVIATE
 
 # Standard deviation of the smoothing before gradients are taken: the pattern of the masks is removed, edges are kept.
 _SMOOTH_PX: Final = 1.0
 # White noise of variance 1, smoothed so, has gradients of this variance along each axis: 1 / (8 π σ⁴).
 _NOISE_OF_GRADIENT: Final = 1 / (8 * np.pi * _SMOOTH_PX**4)
-# The median of the square of a normal number of variance 1.
-_MEDIAN_OF_SQUARES: Final = 0.455
 # Noise of the gradient makes displacements too small: by a fifth, if its power is a fifth of the whole. A block with
 # less is not asked.
 _LEAST_OVER_NOISE: Final = 5.0
@@ -38,28 +38,21 @@ _LEAST_OVER_NOISE: Final = 5.0
 _LEAST_OPEN: Final = 0.3
 # A block with fewer usable pixels is not asked.
 _LEAST_PIXELS: Final = BLOCK_PX**2 // 4
-# Displacements over time are polynomials of this degree at most: even motion is the first, to and fro the second.
-_DEGREE: Final = 2
 # The spectrum is averaged over so many neighbouring frequencies along each axis, and never taken to be smaller than
 # this share of its median.
 _SPECTRUM_BINS: Final = 7
 _LEAST_OF_SPECTRUM: Final = 1e-3
 # Residuals of other places, which know nothing of a block's masks, show how much too small the standard errors are.
 _ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
-# Two degrees along two axes: the median of a squared normal vector of so many dimensions (chi-squared) is its
-# number of dimensions less about this.
-_MEAN_LESS_MEDIAN: Final = 0.65
 # Before the last round, so much of what is left is added to the displacements.
 _ROUND_SHARE: Final = 0.8
-# The field that is taken out is smoothed over so many blocks (standard deviation), whose displacements differ by about
-# so many px besides their errors.
+# Displacements are of first order: they err by about so many px besides their standard errors.
+FIRST_ORDER_PX: Final = 0.15
+# Maps of blocks are smoothed over so many of them (standard deviation).
 _FIELD_BLOCKS: Final = 0.7
-_FIELD_PX: Final = 0.15
 # It is taken out in so many steps, of the picture smoothed by so much (standard deviation).
 _STEPS_OUT: Final = 4
 _SHARP_PX: Final = 0.6
-# The same over the picture.
-_RIDGE_OF_PICTURE: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -147,18 +140,18 @@ def _regressed(pictures: list["_Picture"], field: F64 | None) -> _Blocks | None:
 def _field(places: NDArray[np.int64], px: F64, covariance: F64, grid: tuple[int, ...]) -> F64:
     """Return smooth displacements of all blocks, [rows, columns, 2 F]; each known one counts by its precision."""
     unknowns = np.eye(px.shape[1])
-    precision = np.linalg.inv(covariance + _FIELD_PX**2 * unknowns)
+    precision = np.linalg.inv(covariance + FIRST_ORDER_PX**2 * unknowns)
     known = np.einsum("bij,bj->bi", precision, px)
     mean = np.linalg.solve(precision.sum(axis=0), known.sum(axis=0))
     precisions, knowns = np.zeros((*grid, *unknowns.shape)), np.zeros((*grid, len(unknowns)))
     precisions[*places.T], knowns[*places.T] = precision, known
     # As precise as one displacement that is known to a pixel, the mean stands where nothing is known.
-    total = _blurred(precisions) + unknowns
-    return np.asarray(np.linalg.solve(total, (_blurred(knowns) + mean)[..., None])[..., 0], np.float64)
+    total = over_blocks(precisions) + unknowns
+    return np.asarray(np.linalg.solve(total, (over_blocks(knowns) + mean)[..., None])[..., 0], np.float64)
 
 
-def _blurred(blocks: F64) -> F64:
-    """Blur values of blocks, [rows, columns, ...], and add up those of neighbours."""
+def over_blocks(blocks: F64) -> F64:
+    """Smooth values of blocks, [rows, columns, ...], and add up those of neighbours."""
     flat = blocks.reshape(*blocks.shape[:2], -1)
     blurred = cv2.GaussianBlur(flat, (0, 0), _FIELD_BLOCKS, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blurred, np.float64).reshape(blocks.shape)
@@ -171,9 +164,7 @@ def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> 
         return None
     gram, moment, power, count = grams[tells], moments[tells], powers[tells], pixels[tells]
     unknowns = gram.shape[-1]
-    trace = np.trace(gram, axis1=1, axis2=2) / unknowns
-    least = max(_RIDGE_OF_PICTURE * float(trace.mean()), np.finfo(np.float64).tiny)
-    inverse = np.linalg.inv(gram + np.eye(unknowns) * np.maximum(RIDGE * trace, least)[:, None, None])
+    inverse = np.linalg.inv(ridged(gram))
     found = inverse @ moment
     freedom = np.maximum(count - unknowns, 1)[:, None]
     variance = np.maximum(power - (found * moment).sum(axis=1), 0) / freedom
@@ -181,7 +172,8 @@ def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> 
     with np.errstate(divide="ignore", invalid="ignore"):
         by_chance = ((found * moment).sum(axis=1) / variance)[:, 1:]
     by_chance = by_chance[np.isfinite(by_chance)]
-    expected = unknowns - _MEAN_LESS_MEDIAN
+    # The squared length of a normal vector of so many dimensions.
+    expected = float(chdtri(unknowns, 0.5))
     inflated = max(1.0, float(np.median(by_chance)) / expected) if by_chance.size else 1.0
     covariance = inverse * (inflated * variance[:, 0])[:, None, None]
     return np.argwhere(tells), found[..., 0], covariance, tells.shape
@@ -230,7 +222,7 @@ class _Picture:
         )
         columns, left = in_blocks(design), in_blocks(several)
         pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
-        noise = float(np.median((sharp - smooth)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0
+        noise = float(np.median((sharp - smooth)[asked] ** 2)) / MEDIAN_DEVIATE**2 if asked.any() else 0.0
         steep = in_blocks((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3))
         turned = columns.swapaxes(2, 3)
         clear: Bool = steep / np.maximum(pixels, 1) / 2 > _LEAST_OVER_NOISE * _NOISE_OF_GRADIENT * noise
@@ -259,10 +251,10 @@ class _Picture:
 
 
 def _over_time(count: int) -> F64:
-    """Return the displacements of so many views, [F, N]: polynomials of mean 0 that change by 1 px."""
+    """Return displacements of so many views, [F, N]: even motion, and to and fro; of mean 0, they change by 1 px."""
     time = np.linspace(-1, 1, count)
     rows = np.stack([0.5 * time, time**2 - np.mean(time**2)])
-    return rows[: min(count - 1, _DEGREE)]
+    return rows[: count - 1]
 
 
 def _whitening(picture: F64) -> F64:

@@ -13,21 +13,18 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_numbers, scores_over_blocks
 from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
-from gs2ci.reconstruct.measurement.coding import EXCESS, beyond_white, white_reading
+from gs2ci.reconstruct.measurement.coding import DARK, EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A few clipped highlights are normal, and harmless if their neighbours are not clipped.
 SATURATION_WORTH_SAYING: Final = 0.01
 # Lamps, glints and defective pixels are less than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
-# A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
-_DARK: Final = 0.02
 # Share of the light of the brightest view: less than a step of an eight-bit sensor.
 _FAINT_VIEW: Final = 1e-3
 # Normal differences of a lamp or a moving view, as a share of the middle view's brightness, and in standard errors.
 _BRIGHTER: Final = 0.1
 _STANDARD_ERRORS: Final = 4.0
-_MOSTLY_DARK: Final = 0.5
 # Root mean square difference of the masks from their mean over the views, as a share of their mean: 1.7 if a quarter is
 # open; 0.33 if 90 % is, which loses 3 dB, and 0.14 if 98 % is, which loses 4 dB, though either fits the readings well
 # (`python -m tests.stability --only "mask ratio"`).
@@ -62,7 +59,7 @@ def _doubts_about_scale(shot: Shot) -> list[Finding]:
     if over >= _EXCESS_WORTH_SAYING:
         doubts.append(finding(Code.BRIGHTER_THAN_WHITE, share=over))
     share = float(np.quantile(shot.measurement, 0.999)) / float(white_reading(shot).max())
-    if 0 < share < _DARK:
+    if 0 < share < DARK:
         doubts.append(finding(Code.VERY_DARK, share=share))
     return doubts
 
@@ -109,7 +106,7 @@ def _doubts_about_masks(shot: Shot) -> list[Finding]:
     dark = int((~lit).sum())
     if dark:
         doubts.append(finding(Code.UNOPENED_PIXELS, count=dark, of=lit.size))
-    if dark > _MOSTLY_DARK * lit.size:
+    if 2 * dark > lit.size:
         doubts.append(finding(Code.MOSTLY_UNOPENED))
     return doubts
 

@@ -7,15 +7,12 @@ readings are many (`doubts`), pixels that a calibration knows to be bad (`gs2ci 
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import convolve
 
-from gs2ci.core.arrays import Bool
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, beyond_white, without_pixels
 
-_SIDE: Final = 3
 # At most so many neighbours of a hot pixel may be hot as well: if one pixel in twenty is hot, 99 % of the hot pixels
 # have no more. A region that is brighter than white because of a wrong unit or wrong masks has more, and is kept.
 _NEIGHBOURS: Final = 2
@@ -33,15 +30,10 @@ def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
         return shot, ()
     if shot.saturated is not None:
         odd &= ~shot.saturated
-    hot = odd & (_count_in_square(odd) <= _NEIGHBOURS + 1)
+    beside = convolve(odd.astype(np.int64), np.ones((3, 3), np.int64), mode="constant") - odd
+    hot = odd & (beside <= _NEIGHBOURS)
     if not hot.any():
         return shot, ()
     count = int(hot.sum())
     pixels = f"{count} pixels read" if count > 1 else "1 pixel reads"
     return without_pixels(shot, hot), (finding(Code.HOT_PIXELS, pixels=pixels, count=count),)
-
-
-def _count_in_square(odd: Bool) -> NDArray[np.int64]:
-    """Count the marked pixels in the square around each pixel, itself included."""
-    share = uniform_filter(odd.astype(np.float64), _SIDE, mode="constant")
-    return np.rint(share * _SIDE**2).astype(np.int64)

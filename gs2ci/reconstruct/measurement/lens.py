@@ -30,15 +30,11 @@ LEAST_SHIFT_PX: Final = 0.05
 # memory and time.
 LARGEST_CANVAS: Final = 2.0
 # A smaller canvas cannot hold the detail of the sensor, and coefficients so large are a mistake.
-SMALLEST_CANVAS: Final = 0.5
+SMALLEST_CANVAS: Final = 1 / LARGEST_CANVAS
 # Gives interpolation neighbours around every position.
 _BORDER_PX: Final = 1
 # SciPy and OpenCV put the centre of the first pixel at 0, this project at 0.5.
 CENTRE_OFFSET: Final = 0.5
-# Orders of splines. A cubic spline displaces the picture by less than a hundredth of a pixel; OpenCV's cubic kernel
-# displaces it by up to 0.06 px, in directions that vary over the picture.
-_CUBIC: Final[Literal[3]] = 3
-_LINEAR: Final[Literal[1]] = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +84,13 @@ class Lens:
 
     def straightened(self, views: F32) -> F32:
         """Resample the sensor's views, [N, H, W, C], to the canvas, [N, Hc, Wc, C]; unseen pixels repeat the border."""
-        return _resampled(views, self.seen_at, _CUBIC)
+        # A cubic spline displaces the picture by less than a hundredth of a pixel; OpenCV's cubic kernel displaces it
+        # by up to 0.06 px, in directions that vary over the picture.
+        return _resampled(views, self.seen_at, order=3)
 
     def bent(self, views: F32) -> F32:
         """Resample views of the canvas, [N, Hc, Wc, C], to the sensor, [N, H, W, C]."""
-        return _resampled(views, self.sampling.places, _LINEAR)
+        return _resampled(views, self.sampling.places, order=1)
 
 
 def straightened(views: F32, lens: Lens | None) -> F32:

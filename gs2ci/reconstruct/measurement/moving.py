@@ -21,16 +21,13 @@ import numpy as np
 from scipy.special import fdtrc
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks, ridged
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A picture of one row or column has no gradient across it.
 _LEAST_SIDE_PX: Final = 2
 # A block with fewer pixels is not tested.
 _LEAST_PIXELS: Final = 32
-# What is added to second moments, as a share of their trace, to invert those of a picture without gradient in some
-# direction.
-_LEAST_SHARE: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     power = (residual**2).sum(axis=(2, 3))
     testable = (pixels >= _LEAST_PIXELS) & (power > 0)
     moment = np.einsum("abpci,abpc->abi", design, residual)
-    gram = _invertible(np.einsum("abpci,abpcj->abij", design, design))
+    gram = ridged(np.einsum("abpci,abpcj->abij", design, design))
     velocity = np.linalg.solve(gram, moment[..., None])[..., 0]
     if not testable.any():
         return LeftByMotion(0.0, 0.0, np.zeros_like(velocity))
@@ -85,7 +82,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     spread = np.einsum("abpi,abpj->abij", scores, scores) * (pixels / freedom)[..., None, None]
     by_chance = np.trace(np.linalg.solve(gram, spread), axis1=2, axis2=3)
     gained = (velocity * moment).sum(axis=-1)
-    ratio = (moment * np.linalg.solve(_invertible(spread), moment[..., None])[..., 0]).sum(axis=-1) / 2
+    ratio = (moment * np.linalg.solve(ridged(spread), moment[..., None])[..., 0]).sum(axis=-1) / 2
     sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < CHANCE)
     explained = (gained - by_chance)[testable].sum() / power[testable].sum()
     return LeftByMotion(
@@ -93,9 +90,3 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
         surely=float(sure.sum() / testable.sum()),
         velocity_px=np.where(sure[..., None], velocity, 0),
     )
-
-
-def _invertible(moments: F64) -> F64:
-    """Return second moments, [..., 2, 2], raised so far that each can be inverted."""
-    least = np.maximum(_LEAST_SHARE * np.trace(moments, axis1=-2, axis2=-1), np.finfo(np.float64).tiny)
-    return moments + np.eye(2) * least[..., None, None]

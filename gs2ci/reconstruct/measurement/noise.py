@@ -14,7 +14,7 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 _FOLLOWED: Final = 1.1
 # The median of the absolute value of a standard normal deviate. The noise is estimated from the median residual, which
 # a model that is wrong only in places hardly changes.
-_MEDIAN_DEVIATE: Final = 0.6745
+MEDIAN_DEVIATE: Final = 0.6745
 # Photons make more noise in bright readings, so readings are divided into classes of equal size by their prediction:
 # at most so many, and none with fewer readings than this, whose median tells the power to a seventh.
 _CLASSES: Final = 16
@@ -41,7 +41,7 @@ def noise_of_readings(holdout: Holdout, views: F32) -> F32:
     left = np.abs(holdout.shot.measurement[asked].ravel() - light)
     classes = np.array_split(np.argsort(light, kind="stable"), np.clip(light.size // _LEAST_READINGS, 1, _CLASSES))
     middle = [float(light[one].mean(dtype=np.float64)) for one in classes]
-    power = [_FOLLOWED * (float(np.median(left[one])) / _MEDIAN_DEVIATE) ** 2 for one in classes]
+    power = [_FOLLOWED * (float(np.median(left[one])) / MEDIAN_DEVIATE) ** 2 for one in classes]
     return np.interp(predicted, middle, power).astype(np.float32)
 
 

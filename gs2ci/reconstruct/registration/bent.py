@@ -11,10 +11,10 @@ import numpy as np
 from gs2ci.core.linearity import Growth, growth
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import white_reading
+from gs2ci.reconstruct.registration.parameters import SIGNIFICANT
 
 # Right masks with every error that registration knows bend by less (`python -m tests.benchmarks registration imports`).
 _BENT: Final = 0.1
-_SIGMAS: Final = 5.0
 _STEEP: Final = 0.9
 
 
@@ -27,4 +27,4 @@ def bent_growth(shot: Shot) -> Growth | None:
     found = growth(readings, white_reading(shot), clip=clip, is_mosaic=shot.cfa is not None)
     if found is None or found.is_biased or found.slope > _STEEP:
         return None
-    return found if found.curvature < -_BENT - _SIGMAS * found.curvature_error else None
+    return found if found.curvature < -_BENT - SIGNIFICANT * found.curvature_error else None

@@ -33,7 +33,6 @@ _LEVEL_PX: Final = 8.0
 # Tiles are so many elements wide and overlap by half; at most this many along each side of the picture.
 _TILE_ELEMENTS: Final = 48
 _MOST_TILES: Final = 9
-_LEAST_TILES: Final = 5
 # Tolerance of tiles: their peaks are in whole pixels, and a rotation smears them.
 _AGREEMENT_PX: Final = 1.5
 _MARGIN_PX: Final = 128
@@ -170,32 +169,31 @@ class Tile:
 def find_tiles(
     seen: F64,
     known: F64,
-    expected: Callable[[F64], F64],
+    shift: F64,
     reach: int,
     element: float,
     elements: int = _TILE_ELEMENTS,
 ) -> list[Tile]:
-    """Find the displacement of every tile about an expected one.
+    """Find the displacement of every tile about an expected one; none if that is too large.
 
     Args:
         seen: From the measurement, high-passed, [H, W].
         known: From the masks, [H, W].
-        expected: The expected displacement (down, right), px, at a position (row, column).
+        shift: The expected displacement (down, right), px.
         reach: Largest deviation from it, px.
         element: Width of the masks' elements, px.
         elements: How many of them a tile is wide.
     """
     side = elements * max(1, round(element))
     margin = side + 2 * reach + _MARGIN_PX
-    padded = np.pad(known, margin)
+    padded, about = np.pad(known, margin), np.rint(shift).astype(int)
+    if np.abs(about).max() > _MARGIN_PX:
+        return []
     found = []
     for top in _starts(seen.shape[0], side):
         for left in _starts(seen.shape[1], side):
             piece = seen[top : top + side, left : left + side]
             middle = np.array([top + (piece.shape[0] - 1) / 2, left + (piece.shape[1] - 1) / 2])
-            about = np.rint(expected(middle)).astype(int)
-            if np.abs(about).max() > _MARGIN_PX:
-                continue
             row, column = np.array([top, left]) - about - reach + margin
             window = padded[row : row + piece.shape[0] + 2 * reach, column : column + piece.shape[1] + 2 * reach]
             peak = find_peak(np.pad(piece, reach), window, (reach, reach), element)
@@ -222,38 +220,38 @@ def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
         unit: F64 = np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
         return unit
 
-    solution = agreed(found, size, affine, _AGREEMENT_PX, _LEAST_TILES)
+    solution = agreed(found, size, affine)
     if solution is None:
         return None
     shift, *rows = solution.reshape(3, 2)
     return Placement.from_affine(np.eye(2) + np.transpose(rows), shift)
 
 
-def agreed(
-    found: list[Tile], size: tuple[int, int], design: Callable[[F64], F64], most_px: float, least: int
-) -> F64 | None:
+def agreed(found: list[Tile], size: tuple[int, int], design: Callable[[F64], F64]) -> F64 | None:
     """Find the displacement on which sure tiles agree; those that deviate from the others are dropped, the worst first.
+
+    Nearly twice as many tiles must be left as determine the unknowns.
 
     Args:
         found: The tiles.
         size: Height and width of the picture, px.
         design: Displacements of positions from the middle, [K, 2], by a unit of each unknown, [P, K, 2].
-        most_px: Tiles that deviate by more are dropped.
-        least: So many must be left.
 
     Returns:
         The unknowns, [P]; None if too few tiles agree, or they do not determine them.
     """
     sure = [tile for tile in found if tile.peak.is_sure]
-    while len(sure) >= least:
+    while sure:
         unit = design(np.array([tile.middle for tile in sure]) - (np.array(size) - 1) / 2)
+        if len(sure) < len(unit) - 1:
+            return None
         moved = np.array([(tile.peak.down_px, tile.peak.right_px) for tile in sure])
         solution, _, rank, _ = np.linalg.lstsq(unit.reshape(len(unit), -1).T, moved.ravel(), rcond=None)
         if rank < len(unit):
             return None
         apart = np.linalg.norm(moved - np.tensordot(solution, unit, axes=1), axis=1)
         worst = int(apart.argmax())
-        if apart[worst] <= most_px:
+        if apart[worst] <= _AGREEMENT_PX:
             return np.asarray(solution, np.float64)
         del sure[worst]
     return None

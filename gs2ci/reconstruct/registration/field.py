@@ -5,16 +5,16 @@ displacement exceeds the range of Gauss-Newton, the displacements of tiles give 
 accepted. Not here: the search (`fine`), whether held-out pixels confirm the whole (`register`).
 """
 
-from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile, agreed
-from gs2ci.reconstruct.registration.fine import MisfitEstimate, Problem, pixel_weights, refine
+from gs2ci.reconstruct.registration.fine import MisfitEstimate, Problem, pixel_weights, refine, settled
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import AFFINE, BENT, BY_NAME, FIELD, FIELD_AT_PX, HIGHER, LOW
+from gs2ci.reconstruct.registration.parameters import AFFINE, BENT, BY_NAME, FIELD_AT_PX, HIGHER, LOW
 from gs2ci.reconstruct.registration.placement import Placement
 
 # The field has to move masks somewhere by so much relative to the best affine: less costs less than 0.05 dB.
@@ -22,15 +22,10 @@ MATTERS_PX: Final = 0.05
 _GROUPS: Final = (("radial_px",), BENT)
 _BY_TILES: Final = (*AFFINE, *LOW)
 _GRID: Final = 7
-# Tiles whose displacement, in whole pixels, deviates by more than this from the field of the others are dropped.
-_AGREEMENT_PX: Final = 1.2
-_LEAST_TILES: Final = 12
 
 
-def find_field(
-    problem: Problem, start: Misfit, tiles: list[Tile]
-) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
-    """Estimate a field, keep its significant terms, and report the others.
+def find_field(problem: Problem, start: Misfit, tiles: list[Tile]) -> tuple[MisfitEstimate | None, MisfitEstimate]:
+    """Estimate a field, and keep its significant terms.
 
     Args:
         problem: The whole measurement, including its corners.
@@ -38,26 +33,15 @@ def find_field(
         tiles: Displacements of parts of the picture relative to the start, in whole pixels.
 
     Returns:
-        The field, None if no term is significant; and value and standard error of each term that is not in it.
+        The field, None if no term is significant; and the estimate of all terms.
     """
-    estimate, near = refine(problem, start, _BY_TILES), start
-    nearer = _by_tiles(tiles, start.placement, problem.size)
+    estimate, nearer = refine(problem, start, _BY_TILES), _by_tiles(tiles, start, problem.size)
     if nearer is not None:
-        other = refine(problem, replace(start, placement=nearer), _BY_TILES)
-        if _predicts_better(problem, estimate.misfit, other.misfit):
-            estimate, near = other, other.misfit
-    tried = {name: (estimate.value(name), estimate.errors[name]) for name in LOW}
-    names = _let_in(problem, estimate)
-    while names:  # dropping terms changes the others, which must remain significant
-        kept = np.where([name in names for name in FIELD], near.placement.field, 0.0)
-        estimate = refine(problem, replace(near, placement=near.placement.with_field(kept)), (*AFFINE, *names))
-        still = _let_in(problem, estimate)
-        if still == names:
-            break
-        names = still
-    if not names or not _predicts_better(problem, start, estimate.misfit):
-        return None, tried
-    return estimate, {name: pair for name, pair in tried.items() if name not in names}
+        other = refine(problem, nearer, _BY_TILES)
+        estimate = other if _predicts_better(problem, estimate.misfit, other.misfit) else estimate
+    found = settled(problem, estimate, partial(_let_in, problem), AFFINE)
+    better = found is not None and _predicts_better(problem, start, found.misfit)
+    return found if better else None, estimate
 
 
 def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> MisfitEstimate:
@@ -78,17 +62,16 @@ def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> Misf
     return closer
 
 
-def _by_tiles(tiles: list[Tile], placement: Placement, size: tuple[int, int]) -> Placement | None:
-    """Return the placement with a field on which tiles agree; None if too few do, or if none is displaced."""
+def _by_tiles(tiles: list[Tile], placement: Misfit, size: tuple[int, int]) -> Misfit | None:
+    """Return a placement with a field on which tiles agree; None if too few do, or if none is displaced."""
     if not any((tile.peak.down_px, tile.peak.right_px) != (0.0, 0.0) for tile in tiles if tile.peak.is_sure):
         return None
     steps = {name: one.step_at(float(np.hypot(*size)) / 2, 1.0) for name, one in BY_NAME.items() if name in _BY_TILES}
-    found = agreed(tiles, size, lambda places: placement.derivatives(steps, places), _AGREEMENT_PX, _LEAST_TILES)
+    found = agreed(tiles, size, lambda places: placement.derivatives(steps, places))
     if found is None:
         return None
-    for (name, step), times in zip(steps.items(), found, strict=True):
-        placement = placement.changed(name, step * float(times))
-    return placement
+    changes = zip(steps.items(), found.tolist(), strict=True)
+    return placement.stepped({name: step * times for (name, step), times in changes})
 
 
 def bent_px(placement: Placement, size: tuple[int, int]) -> float:
@@ -103,7 +86,7 @@ def bent_px(placement: Placement, size: tuple[int, int]) -> float:
 
 def _let_in(problem: Problem, estimate: MisfitEstimate) -> tuple[str, ...]:
     """Return the significant terms; those of one group are accepted together."""
-    if bent_px(estimate.misfit.placement, problem.size) < MATTERS_PX:
+    if bent_px(estimate.misfit, problem.size) < MATTERS_PX:
         return ()
     sought = [tuple(name for name in group if name in estimate.errors) for group in _GROUPS]
     return tuple(name for group in sought if any(estimate.is_sure(one) for one in group) for name in group)
@@ -111,7 +94,7 @@ def _let_in(problem: Problem, estimate: MisfitEstimate) -> tuple[str, ...]:
 
 def _predicts_better(problem: Problem, without: Misfit, found: Misfit) -> bool:
     """Tell whether the field surely improves the prediction of readings from those around them."""
-    known = found.placement.known(problem.size) & without.placement.known(problem.size)
+    known = found.known(problem.size) & without.known(problem.size)
     errors = problem.errors(without)
     weights = pixel_weights(errors, known)[known]
     return surely_larger(weights * errors[known] ** 2, weights * problem.errors(found)[known] ** 2)

@@ -6,10 +6,10 @@ parameters of position are the two by a shift, times how far each moves what the
 inverse of their mean square around a pixel, so that edges do not dominate. Standard errors come from scores summed over
 blocks of the picture, since neighbours share their texture.
 
-Here: the search and its errors. Not here: which parameters are accepted (`proposals`).
+Here: the search and its errors. Not here: which parameters are accepted (`proposals`, `field`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_sums
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import BY_NAME, FIELD, GEOMETRY, NAMES, PARAMETERS, STEP_PX
+from gs2ci.reconstruct.registration.parameters import BY_NAME, GEOMETRY, STEP_PX
 from gs2ci.reconstruct.registration.placement import from_middle
 from gs2ci.reconstruct.registration.widening import MaskSum
 
@@ -45,17 +45,13 @@ class MisfitEstimate:
     errors: dict[str, float]
 
     @property
-    def terms(self) -> tuple[str, ...]:
-        """Get the terms of a smooth field that were estimated."""
-        return tuple(name for name in FIELD if name in self.errors)
-
-    def value(self, name: str) -> float:
-        """Return a parameter by its name."""
-        return float(self.misfit.vector()[NAMES.index(name)])
+    def pairs(self) -> dict[str, tuple[float, float]]:
+        """Get value and standard error of the estimated parameters, by name."""
+        return {name: (getattr(self.misfit, name), error) for name, error in self.errors.items()}
 
     def is_sure(self, name: str) -> bool:
         """Tell whether a parameter was estimated and is significant."""
-        return abs(self.value(name)) >= BY_NAME[name].errors * self.errors.get(name, 0.0) > 0
+        return abs(getattr(self.misfit, name)) >= BY_NAME[name].errors * self.errors.get(name, 0.0) > 0
 
 
 @dataclass(frozen=True)
@@ -81,10 +77,10 @@ class Problem:
         """Return the held-out error of each pixel, [H, W]."""
         return self.seen.errors(misfit.of_sum(self.masks), misfit.black)
 
-    def steps(self) -> F64:
-        """Return a small step of each parameter."""
-        corner_px = max(1.0, float(np.hypot(*self.size)) / 2)
-        return np.array([one.step_at(corner_px, self.unit) for one in PARAMETERS])
+    @property
+    def corner_px(self) -> float:
+        """Get the distance of the corners from the middle."""
+        return float(np.hypot(*self.size)) / 2
 
 
 def pixel_weights(errors: F64, known: Bool) -> F64:
@@ -103,30 +99,27 @@ def refine(problem: Problem, start: Misfit, names: tuple[str, ...]) -> MisfitEst
         start: Where to start.
         names: Of `NAMES`.
     """
-    index = [NAMES.index(name) for name in names]
-    scale = problem.steps()[index]
-    steps = dict(zip(names, scale.tolist(), strict=True))
+    steps = {name: BY_NAME[name].step_at(max(1.0, problem.corner_px), problem.unit) for name in names}
+    scale = np.array([*steps.values()])
     placed = {name: step for name, step in steps.items() if name in GEOMETRY}
-    moves = dict(zip(placed, start.placement.derivatives(placed, from_middle(problem.size)), strict=True))
+    moves = dict(zip(placed, start.derivatives(placed, from_middle(problem.size)), strict=True))
     still = np.zeros((*problem.size, 2))
     at_corners = np.stack([moves.get(name, still)[[0, 0, -1, -1], [0, -1, 0, -1]] for name in names])
     misfit, errors = start, problem.errors(start)
-    weights = pixel_weights(errors, start.placement.known(problem.size))
+    weights = pixel_weights(errors, start.known(problem.size))
     root = np.sqrt(weights)
     best = float(np.sum((root * errors) ** 2))
     damping = 1e-4
     jacobian = _jacobian(problem, misfit, steps, moves)
     for _ in range(_ROUNDS):
-        weighted = (root * jacobian).reshape(len(index), -1)
+        weighted = (root * jacobian).reshape(len(names), -1)
         normal = weighted @ weighted.T
         slope = weighted @ (root * errors).ravel()
-        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(len(index)), slope)
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(len(names)), slope)
         # To first order: steps of terms that masks hardly show may move corners by thousands of pixels.
         longest = float(np.linalg.norm(np.tensordot(step, at_corners, axes=1), axis=-1).max())
         step *= min(1.0, _LONGEST_STEP_PX / max(longest, 1e-300))
-        vector = misfit.vector()
-        vector[index] += step * scale
-        trial = Misfit.from_vector(_within(vector))
+        trial = misfit.stepped(dict(zip(names, (step * scale).tolist(), strict=True)))
         trial_errors = problem.errors(trial)
         value = float(np.sum((root * trial_errors) ** 2))
         if value < best:
@@ -143,10 +136,31 @@ def refine(problem: Problem, start: Misfit, names: tuple[str, ...]) -> MisfitEst
     return MisfitEstimate(misfit, dict(zip(names, deviations.tolist(), strict=True)))
 
 
-def _within(vector: F64) -> F64:
-    low, high = np.array([one.limits for one in PARAMETERS]).T
-    limited: F64 = np.clip(vector, low, high)
-    return limited
+def settled(
+    problem: Problem,
+    estimate: MisfitEstimate,
+    let_in: Callable[[MisfitEstimate], tuple[str, ...]],
+    always: tuple[str, ...] = (),
+) -> MisfitEstimate | None:
+    """Estimate again without the parameters that are not let in, until all are; None if none is left.
+
+    Dropping parameters changes the others, which must remain significant.
+
+    Args:
+        problem: The measurement.
+        estimate: Of all parameters that are asked for.
+        let_in: Returns those that are significant.
+        always: Those that are estimated along with them, significant or not.
+    """
+    asked, names = set(estimate.errors), let_in(estimate)
+    while names:
+        start = estimate.misfit.only({*BY_NAME} - asked | {*names, *always})
+        estimate = refine(problem, start, (*always, *names))
+        still = tuple(name for name in names if name in let_in(estimate))
+        if still == names:
+            return estimate
+        names = still
+    return None
 
 
 def _jacobian(problem: Problem, misfit: Misfit, steps: Mapping[str, float], moves: Mapping[str, F64]) -> F64:
@@ -180,10 +194,7 @@ def deviations_of(jacobian: F64, errors: F64, weights: F64) -> F64:
     scores = jacobian * (weights * errors)
     height, width = errors.shape
     side = min(BLOCK_PX, max(4, int(np.sqrt(height * width / (4 * LEAST_BLOCKS)))))
-    rows, columns = -(-height // side), -(-width // side)
-    padded = np.zeros((count, rows * side, columns * side))
-    padded[:, :height, :width] = scores
-    blocks = padded.reshape(count, rows, side, columns, side).sum(axis=(2, 4)).reshape(count, -1)
+    blocks = block_sums(scores, side).reshape(count, -1)
     spread = blocks @ blocks.T * (blocks.shape[1] / max(1, blocks.shape[1] - 1))
     try:
         inverse = np.linalg.inv(normal)

@@ -10,10 +10,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 
-# Powers of the place, down and right, over which transmissions of open and of closed elements change. Their regression
-# is kept defined relative to the mean of its diagonal, also for masks of which nothing is open.
+# Powers of the place, down and right, over which transmissions of open and of closed elements change.
 _QUADRATIC: Final = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-_LEVEL_RIDGE: Final = 1e-9
 # Noise was cut off where more than this share of the elements of one kind is at the end of the range.
 _CUT: Final = 0.02
 # Open elements pass at least so much more than closed ones; and masks that are closer to 0 and 1 are rounded.
@@ -38,8 +36,9 @@ class Levels:
             design = np.concatenate([basis, basis * elements]).reshape(2 * len(basis), -1)
             gram += design @ design.T
             moment += design @ mask.reshape(-1)
-        gram += np.eye(len(gram)) * (_LEVEL_RIDGE * np.trace(gram) / len(gram))
-        closed, step = np.tensordot(np.linalg.solve(gram, moment).reshape(2, -1), basis, axes=1)
+        # The smallest solution, if nothing is open.
+        found = np.linalg.lstsq(gram, moment, rcond=None)[0]
+        closed, step = np.tensordot(found.reshape(2, -1), basis, axes=1)
         return cls(closed, np.maximum(step, _LEAST_STEP))
 
     @property

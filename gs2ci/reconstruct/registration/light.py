@@ -14,11 +14,10 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.coding import DARK
 
 # Lamps and glints are less than a quarter of a picture: the unit is doubted if more is brighter than white.
 _MOSTLY: Final = 0.75
-_WHITE: Final = 1.1
-_DARK: Final = 0.02
 _BRIGHT: Final = 0.999
 # The brightest part of a well-exposed scene lies in this range of the scale.
 _EXPOSED: Final = (0.25, 1.1)
@@ -58,7 +57,7 @@ def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
     if known.size == 0:
         return None
     bright, mostly = float(np.quantile(known, _BRIGHT)), float(np.quantile(known, _MOSTLY))
-    if bright <= 0 or (mostly <= _WHITE and bright >= _DARK):
+    if bright <= 0 or (mostly <= _EXPOSED[1] and bright >= DARK):
         return None
     for usual, name in ((_COUNTS, "camera counts"), (_POWERS, "a power of ten")):
         if usual is _COUNTS and not integers:

@@ -7,14 +7,15 @@ Here: how the parameters change masks and their sum. Not here: their list (`para
 """
 
 import math
-from dataclasses import asdict, dataclass, field, replace
-from typing import Final
+from collections.abc import Container, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 from scipy import fft
 
 from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.registration.parameters import GEOMETRY, NAMES
+from gs2ci.reconstruct.registration.parameters import BY_NAME
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.widening import MaskSum, widened
 
@@ -25,11 +26,10 @@ _TRUNCATE: Final = 4.0
 
 
 @dataclass(frozen=True)
-class Misfit:
-    """The errors of the masks as stated.
+class Misfit(Placement):
+    """The errors of the masks as stated: where they lie (`Placement`), and how light passes them.
 
     Args:
-        placement: Where they lie.
         blur_px2: Variance of the Gaussian blur of the true masks relative to the stated ones; negative: they are stated
             softer than they were.
         leak: Share of the light that passes closed elements.
@@ -38,7 +38,6 @@ class Misfit:
             they end short of them.
     """
 
-    placement: Placement = field(default_factory=Placement)
     blur_px2: float = 0.0
     leak: float = 0.0
     black: float = 0.0
@@ -58,38 +57,29 @@ class Misfit:
             wrapped: The pattern is continued periodically; otherwise its border values are.
         """
         wider = widened(masks, self.widening_px)
-        placed = wider if self.placement.is_identity else self.placement.sample(wider, wrapped=wrapped)
+        placed = wider if self.is_identity else self.sample(wider, wrapped=wrapped)
         blurred = gaussian(placed, self.blur_px2, most_sharpening)
         return np.clip((1 - self.leak) * blurred + self.leak, 0.0, 1.0)
 
     def of_sum(self, masks: MaskSum) -> F64:
         """Return the reading of a white scene, [H, W], from the sum of the stated masks."""
         wider = masks.widened(self.widening_px)
-        placed = wider if self.placement.is_identity else self.placement.sample(wider[None])[0]
+        placed = wider if self.is_identity else self.sample(wider[None])[0]
         seen: F64 = (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * masks.weight
         return seen
 
-    def vector(self) -> F64:
-        """Return the parameters in the order of `NAMES`."""
-        return np.array([*asdict(self.placement).values(), self.blur_px2, self.leak, self.black, self.widening_px])
-
     def values(self) -> dict[str, float]:
         """Return the parameters by name, and the blur as a standard deviation."""
-        return dict(zip(NAMES, self.vector().tolist(), strict=True)) | {"blur_sigma_px": self.blur_sigma_px}
+        return asdict(self) | {"blur_sigma_px": self.blur_sigma_px}
 
-    @classmethod
-    def from_vector(cls, vector: F64) -> "Misfit":
-        """Take the parameters in the order of `NAMES`."""
-        values = [float(value) for value in vector]
-        return cls(Placement(*values[: len(GEOMETRY)]), *values[len(GEOMETRY) :])
+    def stepped(self, by: Mapping[str, float]) -> Self:
+        """Return the same with parameters changed by so much, within their limits."""
+        limited = {k: float(np.clip(getattr(self, k) + change, *BY_NAME[k].limits)) for k, change in by.items()}
+        return replace(self, **limited)
 
-    def moved(self, down_px: float, right_px: float) -> "Misfit":
-        """Return the same with the placement shifted further."""
-        return replace(self, placement=self.placement.changed("down_px", down_px).changed("right_px", right_px))
-
-    def changed(self, name: str, by: float) -> "Misfit":
-        """Return the same with a parameter of light or of edges changed."""
-        return replace(self, **{name: getattr(self, name) + by})
+    def only(self, names: Container[str]) -> Self:
+        """Return the same with the defaults of all parameters but these."""
+        return replace(self, **{name: 0.0 for name in BY_NAME if name not in names})
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:

@@ -19,7 +19,7 @@ MATTERS_PX: Final = 0.02
 # Step of numerical derivatives: this displacement at the picture's corner.
 STEP_PX: Final = 0.1
 # A parameter is let in if it differs from its default by so many standard errors: the rest of the model is not exact.
-_SIGNIFICANT: Final = 5.0
+SIGNIFICANT: Final = 5.0
 # Fewer for the parameters of light, whose standard errors already include the bias by the scene.
 _SIGNIFICANT_LIGHT: Final = 4.0
 _ANY: Final = (-math.inf, math.inf)
@@ -58,7 +58,7 @@ class Parameter:
     of_reading: bool = False
     limits: tuple[float, float] = _ANY
     inflation: float = 1.0
-    errors: float = _SIGNIFICANT
+    errors: float = SIGNIFICANT
     most_apart: float = 0.1
 
     def step_at(self, corner_px: float, reading: float) -> float:

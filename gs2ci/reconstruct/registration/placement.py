@@ -10,17 +10,15 @@ Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `fie
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.run_figures import PlacementSection
-from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX
+from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX, GEOMETRY
 
-# A pixel up to this far beyond the outermost centre still sees more of that element than of the unknown area.
-_ON_THE_RIM_PX: Final = 0.5
 # Displacements of the field change by hundredths from pixel to pixel: each round gains two digits.
 _INVERSIONS: Final = 6
 
@@ -48,20 +46,20 @@ class Placement(PlacementSection):
     @property
     def is_identity(self) -> bool:
         """Get whether the masks lie at their stated position."""
-        return self == Placement()
+        return not any(getattr(self, name) for name in GEOMETRY)
 
     @property
     def field(self) -> F64:
         """Get the coefficients of the field, [8], in the order of the arguments."""
         return np.array([getattr(self, name) for name in FIELD])
 
-    def with_field(self, field: F64) -> "Placement":
-        """Return the same with other coefficients of the field, [8]."""
-        return replace(self, **dict(zip(FIELD, field.tolist(), strict=True)))
-
-    def changed(self, name: str, by: float) -> "Placement":
+    def changed(self, name: str, by: float) -> Self:
         """Return the same with one parameter changed."""
         return replace(self, **{name: getattr(self, name) + by})
+
+    def moved(self, down_px: float, right_px: float) -> Self:
+        """Return the same shifted further."""
+        return self.changed("down_px", down_px).changed("right_px", right_px)
 
     def field_px(self, places: F64) -> F64:
         """Return the field's displacement at observed positions from the middle, both [..., 2] as (down, right)."""
@@ -131,8 +129,8 @@ class Placement(PlacementSection):
 
     def known(self, size: tuple[int, int]) -> Bool:
         """Return the pixels that the displaced masks still cover, [H, W]."""
-        farthest = (np.array(size) - 1) / 2 + _ON_THE_RIM_PX
-        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= farthest, axis=-1))
+        # Up to half a pixel beyond the outermost centre a pixel sees more of that element than of the unknown area.
+        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= np.array(size) / 2, axis=-1))
 
 
 def from_middle(size: tuple[int, ...]) -> F64:

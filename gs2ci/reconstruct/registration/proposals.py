@@ -6,7 +6,9 @@ Here: from a coarse shift to estimates without a field and with one. Not here: t
 `field`), the corrected shot, and whether held-out pixels confirm an estimate (`ways`).
 """
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -25,7 +27,7 @@ from gs2ci.reconstruct.registration.coarse import (
     readable,
 )
 from gs2ci.reconstruct.registration.field import find_closer, find_field
-from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, pixel_weights, refine
+from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, pixel_weights, refine, settled
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import (
@@ -57,9 +59,11 @@ _TURNS: Final = 3
 _ALIKE: Final = ("leak", "black")
 
 
-def propose(
-    shot: Shot, peak: Peak, *, edges: bool = True
-) -> tuple[list[MisfitEstimate], dict[str, tuple[float, float]]]:
+_LetIn = Callable[[MisfitEstimate], tuple[str, ...]]
+"""Returns the parameters of an estimate that are significant and matter."""
+
+
+def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitEstimate], list[MisfitEstimate]]:
     """Estimate all parameters.
 
     Args:
@@ -68,47 +72,39 @@ def propose(
         edges: Whether open elements may be wider or narrower than stated.
 
     Returns:
-        The estimates of significant parameters that matter, without a field and, if there is one, with it; and value
-        and standard error of the others, by name.
+        The estimates of significant parameters that matter, without a field and, if there is one, with it; and those of
+        all parameters, significant or not.
     """
     total = white_reading(shot)
     if is_flat(total) or total.size < LEAST_BLOCKS * 64:
-        return [], {}
+        return [], []
     element = element_px(total)
     start = _start(shot, peak, total, element)
     if start is None:
-        return [], {}
+        return [], []
     problem = _problem(shot, element)
+    let_in = partial(_let_in, problem)
     tells_light = _clipped_share(shot) < _MOST_CLIPPED and bent_growth(shot) is None
-    sought = (*AFFINE, *LIGHT) if tells_light else AFFINE
-    estimate = refine(problem, start, sought)
-    names = _let_in(estimate, problem)
-    tried = beside(estimate, names)
-    found = _settled(problem, estimate, names)
-    wider, of_edges = _with_edges(shot, problem, found) if edges and "leak" in sought else (None, {})
-    tried |= of_edges
-    lit = _with_either(problem, found) if "leak" in sought and wider is None else []
-    straightened = [_beside_the_other(one, estimate) for one in (found, *lit, wider) if one is not None]
-    closest = straightened[-1] if straightened else None
-    straight = Misfit() if closest is None else closest.misfit
+    estimate = refine(problem, start, (*AFFINE, *LIGHT) if tells_light else AFFINE)
+    asked, found = [estimate], settled(problem, estimate, let_in) or MisfitEstimate(Misfit(), {})
+    more: list[MisfitEstimate] = []
+    if edges and tells_light and softness(one_of(shot.masks)) <= CRISP:
+        wider, all_edges = _with_edges(problem, found, let_in)
+        more = [] if wider is None else [wider]
+        asked.append(replace(all_edges, errors={name: all_edges.errors[name] for name in EDGES}))
+    if tells_light and not more:
+        more = _with_either(problem, found, let_in)
+    straightened = [_beside_the_other(one, estimate) for one in (found, *more) if one.errors]
+    closest = straightened[-1] if straightened else found
     whole = _problem(shot, element, whole=True)
-    known = fine_pattern(straight.of_sum(whole.masks), element)
-    tiles = find_tiles(readable(shot, element), known, lambda _: np.zeros(2), _TILE_REACH, element, _TILE_ELEMENTS)
-    field, of_field = find_field(whole, straight, tiles)
-    tried |= of_field
+    known = fine_pattern(closest.misfit.of_sum(whole.masks), element)
+    tiles = find_tiles(readable(shot, element), known, np.zeros(2), _TILE_REACH, element, _TILE_ELEMENTS)
+    field, all_terms = find_field(whole, closest.misfit, tiles)
+    asked.append(replace(all_terms, errors={name: all_terms.errors[name] for name in LOW}))
     if field is None:
-        return straightened, tried
-    light = () if closest is None else tuple(name for name in closest.errors if name in (*LIGHT, *EDGES))
-    bent = _with_its_light(problem, whole, field, light)
-    return [*straightened, bent], {name: pair for name, pair in tried.items() if name not in bent.errors}
-
-
-def beside(estimate: MisfitEstimate, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Return value and standard error of the estimated parameters other than these, by name."""
-    vector = estimate.misfit.vector()
-    return {
-        name: (float(vector[NAMES.index(name)]), error) for name, error in estimate.errors.items() if name not in names
-    }
+        return straightened, asked
+    light = tuple(name for name in closest.errors if name in (*LIGHT, *EDGES))
+    return [*straightened, _with_its_light(problem, whole, field, light, let_in)], asked
 
 
 def _start(shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
@@ -116,11 +112,11 @@ def _start(shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
     seen, known = readable(shot, element), fine_pattern(total, element)
     shift = np.array([peak.down_px, peak.right_px]) if peak.is_sure else np.zeros(2)
     reach = 16 if peak.is_sure else 32
-    placed = place_tiles(find_tiles(seen, known, lambda _: shift, reach, element), shot.size)
+    placed = place_tiles(find_tiles(seen, known, shift, reach, element), shot.size)
     if placed is not None:
         apart = placed.displacement_px(shot.size) - shift
         if np.linalg.norm(apart, axis=1).max() > _UNEVEN_PX:
-            return Misfit(_again(placed, seen, total, element))
+            return Misfit(**asdict(_again(placed, seen, total, element)))
     if not peak.is_sure:
         return None
     return Misfit().moved(peak.down_px, peak.right_px)
@@ -130,7 +126,7 @@ def _again(placed: Placement, seen: F64, total: F64, element: float) -> Placemen
     """Match the tiles again, with the masks turned by the first estimate."""
     turned = replace(placed, down_px=0.0, right_px=0.0)
     known = fine_pattern(turned.sample(total[None])[0], element)
-    found = find_tiles(seen, known, lambda _: placed.shift_px, 4, element)
+    found = find_tiles(seen, known, placed.shift_px, 4, element)
     closer = place_tiles(found, seen.shape)
     if closer is None:
         return placed
@@ -138,19 +134,9 @@ def _again(placed: Placement, seen: F64, total: F64, element: float) -> Placemen
     return Placement.from_affine(closer.matrix @ turned.matrix, closer.shift_px)
 
 
-def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...]) -> MisfitEstimate | None:
-    """Estimate parameters again without those dropped, until all are significant; None if none is left."""
-    kept = tuple(name for name in GEOMETRY if name not in estimate.errors)  # a placement that was found before
-    while names:  # dropping parameters changes the others, which must remain significant
-        estimate = refine(problem, _only(estimate.misfit, (*names, *kept)), names)
-        still = tuple(name for name in names if name in _let_in(estimate, problem))
-        if still == names:
-            return estimate
-        names = still
-    return None
-
-
-def _with_its_light(problem: Problem, whole: Problem, field: MisfitEstimate, light: tuple[str, ...]) -> MisfitEstimate:
+def _with_its_light(
+    problem: Problem, whole: Problem, field: MisfitEstimate, light: tuple[str, ...], let_in: _LetIn
+) -> MisfitEstimate:
     """Estimate light with a field, and the field with that light, in turn.
 
     Without a field, its displacements were mistaken for blur. And a displacement by a fraction of a pixel blurs as
@@ -158,16 +144,16 @@ def _with_its_light(problem: Problem, whole: Problem, field: MisfitEstimate, lig
     px with a blur of -0.05 px².
     """
     for _ in range(_TURNS):
-        along = _settled(problem, refine(problem, field.misfit, light), light) if light else None
-        misfit = _only(field.misfit, GEOMETRY) if along is None else along.misfit
-        field = find_closer(whole, misfit, tuple(name for name in field.terms if name in LOW))
+        along = settled(problem, refine(problem, field.misfit, light), let_in) if light else None
+        misfit = field.misfit.only(GEOMETRY) if along is None else along.misfit
+        field = find_closer(whole, misfit, tuple(name for name in LOW if name in field.errors))
         light = () if along is None else tuple(along.errors)
         if not light:
             break
     return MisfitEstimate(field.misfit, {**field.errors, **({} if along is None else along.errors)})
 
 
-def _with_either(problem: Problem, found: MisfitEstimate | None) -> list[MisfitEstimate]:
+def _with_either(problem: Problem, found: MisfitEstimate, let_in: _LetIn) -> list[MisfitEstimate]:
     """Estimate a leak and a black level, each without the other, if neither was accepted.
 
     They are so similar that neither is significant if both are estimated, however large one of them is.
@@ -175,15 +161,15 @@ def _with_either(problem: Problem, found: MisfitEstimate | None) -> list[MisfitE
     Returns:
         Estimates with one of them in addition, as far as they are significant; the one that explains more comes last.
     """
-    before = () if found is None else tuple(found.errors)
-    if set(_ALIKE) & set(before):
+    if set(_ALIKE) & set(found.errors):
         return []
-    start = Misfit() if found is None else found.misfit
-    asked = [refine(problem, start, tuple(k for k in NAMES if k in {*before, "blur_px2", name})) for name in _ALIKE]
-    settled = [_settled(problem, one, _let_in(one, problem)) for one in asked]
-    sure = [one for one in settled if one is not None and set(_ALIKE) & set(one.errors)]
-    weights = pixel_weights(problem.errors(start), start.placement.known(problem.size))
-    return sorted(sure, key=lambda one: -float(np.sum(weights * problem.errors(one.misfit) ** 2)))
+    asked = [_with(problem, found, {name, "blur_px2"}, name, let_in)[0] for name in _ALIKE]
+    start = found.misfit
+    weights = pixel_weights(problem.errors(start), start.known(problem.size))
+    return sorted(
+        (one for one in asked if one is not None),
+        key=lambda one: -float(np.sum(weights * problem.errors(one.misfit) ** 2)),
+    )
 
 
 def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEstimate:
@@ -197,27 +183,29 @@ def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEsti
 
 
 def _with_edges(
-    shot: Shot, problem: Problem, found: MisfitEstimate | None
-) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
-    """Estimate whether open elements are wider or narrower than stated, and the other parameters along with it.
+    problem: Problem, found: MisfitEstimate, let_in: _LetIn
+) -> tuple[MisfitEstimate | None, MisfitEstimate]:
+    """Estimate whether open elements are wider or narrower than stated; see `_with`.
 
     This comes last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and
     leak are estimated again along with the width, the black level only if there was one before: leak and black level
     are so similar that neither is significant if both are estimated.
+    """
+    (width,) = EDGES
+    return _with(problem, found, {width, "blur_px2", "leak"}, width, let_in)
+
+
+def _with(
+    problem: Problem, found: MisfitEstimate, more: set[str], wanted: str, let_in: _LetIn
+) -> tuple[MisfitEstimate | None, MisfitEstimate]:
+    """Estimate more parameters along with those found, of which one is wanted.
 
     Returns:
-        An estimate with the width, None if it is not significant; in that case also its value and standard error.
+        An estimate with that one, None if it is not significant; and that of all parameters.
     """
-    if softness(one_of(shot.masks)) > CRISP:
-        return None, {}
-    before = () if found is None else tuple(found.errors)
-    names = tuple(name for name in NAMES if name in {*before, "blur_px2", "leak", *EDGES})
-    asked = refine(problem, Misfit() if found is None else found.misfit, names)
-    there = _let_in(asked, problem)
-    wider = _settled(problem, asked, there) if set(EDGES) <= set(there) else None
-    if wider is None or not set(EDGES) <= set(wider.errors):
-        return None, {name: pair for name, pair in beside(asked, ()).items() if name in EDGES}
-    return wider, {}
+    asked = refine(problem, found.misfit, tuple(name for name in NAMES if name in {*found.errors, *more}))
+    kept = settled(problem, asked, let_in) if wanted in let_in(asked) else None
+    return kept if kept is not None and wanted in kept.errors else None, asked
 
 
 def _problem(shot: Shot, element: float, *, whole: bool = False) -> Problem:
@@ -239,12 +227,12 @@ def _clipped_share(shot: Shot) -> float:
     return 0.0 if shot.saturated is None else float(shot.saturated.mean())
 
 
-def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
+def _let_in(problem: Problem, estimate: MisfitEstimate) -> tuple[str, ...]:
     """Return the significant parameters that matter; those of one group are accepted together."""
-    values, corner_px = estimate.misfit.values(), float(np.hypot(*problem.size)) / 2
 
     def is_sure(one: Parameter) -> bool:
-        return estimate.is_sure(one.name) and abs(values[one.name]) >= one.least_at(corner_px, problem.unit)
+        least = one.least_at(problem.corner_px, problem.unit)
+        return estimate.is_sure(one.name) and abs(getattr(estimate.misfit, one.name)) >= least
 
     return tuple(
         name
@@ -252,8 +240,3 @@ def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
         for name in group.names
         if name in estimate.errors and any(is_sure(one) for one in group.parameters)
     )
-
-
-def _only(misfit: Misfit, names: tuple[str, ...]) -> Misfit:
-    vector = misfit.vector()
-    return Misfit.from_vector(np.where([name in names for name in NAMES], vector, 0.0))

@@ -18,7 +18,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
-from gs2ci.core.run_figures import RegistrationSection
+from gs2ci.core.run_figures import PlacementSection, RegistrationSection
 from gs2ci.reconstruct.choices import RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.registration.admission import brief_views, level_of
@@ -39,7 +39,8 @@ from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.light import find_unit, open_level, untold_clipping
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.proposals import beside, propose
+from gs2ci.reconstruct.registration.parameters import GEOMETRY
+from gs2ci.reconstruct.registration.proposals import propose
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import sources
 from gs2ci.reconstruct.registration.ways import chosen, from_source, ways_of
@@ -119,14 +120,14 @@ class Registered:
 
     def summary(self) -> RegistrationSection:
         """Return the figures for the report."""
-        corners = np.linalg.norm(self.misfit.placement.displacement_px(self.shot.size), axis=1)
+        corners = np.linalg.norm(self.misfit.displacement_px(self.shot.size), axis=1)
         return RegistrationSection(
             changed=self.is_changed,
             orientation=self.orientation,
             peak_ratio=self.peak.ratio,
-            placement=self.misfit.placement,
+            placement=PlacementSection(**{name: getattr(self.misfit, name) for name in GEOMETRY}),
             largest_displacement_px=float(corners.max()),
-            bent_px=bent_px(self.misfit.placement, self.shot.size),
+            bent_px=bent_px(self.misfit, self.shot.size),
             blur_sigma_px=self.misfit.blur_sigma_px,
             blur_px2=self.misfit.blur_px2,
             leak=self.misfit.leak,
@@ -290,9 +291,8 @@ class _Registration:
         bent = bent_growth(self.shot)
         if bent is not None:
             self.notes.append(finding(Code.READINGS_BEND, slope=bent.slope, curvature=bent.curvature))
-        proposed, tried = propose(self.shot, peak)
-        for estimate in proposed:
-            tried |= beside(estimate, ())
+        proposed, asked = propose(self.shot, peak)
+        tried = {name: pair for estimate in (*asked, *proposed) for name, pair in estimate.pairs.items()}
         proposals = [way for estimate in proposed for way in ways_of(self.shot, estimate)]
         for source in sources(self.shot.masks) if peak.is_sure and self.settings.restores else ():
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.

@@ -49,7 +49,7 @@ def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot
         masks: True transmissions, [N, H, W]; None: from the stated ones and the misfit.
     """
     stated = shot.masks.astype(np.float64)
-    unknown = ~misfit.placement.known(shot.size)
+    unknown = ~misfit.known(shot.size)
     going_on = misfit.of_masks(stated) if masks is None else masks
     if not unknown.any():
         return _with(shot, going_on), Rim(unknown)

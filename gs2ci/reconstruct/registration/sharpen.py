@@ -27,6 +27,7 @@ from typing import Final, Self
 
 import numpy as np
 from scipy import fft
+from scipy.ndimage import correlate1d
 from scipy.optimize import minimize
 from scipy.special import expit
 
@@ -34,6 +35,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.registration.levels import Levels
 from gs2ci.reconstruct.registration.local_scene import TINY
 from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, transfer, variance_of
+from gs2ci.reconstruct.registration.parameters import MATTERS_PX
 
 # Amplification of frequencies that is tried: masks from a drawing allow more than masks from a noisy calibration.
 SHARPENINGS: Final = (1e3, 100.0, 30.0, 10.0, 3.0)
@@ -51,18 +53,14 @@ _SAMPLE_PX: Final = 128
 # Relative distance of the blurs that are tried.
 _SIGMA_STEP: Final = 0.04
 _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
-_FRACTIONS: Final = np.arange(-0.5, 0.501, 0.05)
-_FRACTION_STEP_PX: Final = 0.025
+_FRACTIONS: Final = np.linspace(-0.5, 0.5, 21)
 _FINEST_PX: Final = 1e-3
 # A blur besides an interpolation must leave less than this share of what the interpolation alone leaves, and not be
 # smaller than this, px: taps of less are rounding.
 _BLUR_EXPLAINS: Final = 0.97
 _LEAST_BLUR_PX: Final = 0.15
-# An interpolation at less than this from a pixel is none.
-_HARDLY_PX: Final = 0.02
-# Where the search for both begins, px: this blur, and the interpolation found alone, or this far from it.
-_ALSO_PX: Final = 0.4
-_NEARBY: Final = ((0.0, 0.0), (0.05, 0.0), (0.0, 0.05))
+# Where the search for both begins, px: so far down and right from the interpolation found alone, and with this blur.
+_NEARBY: Final = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.4), (0.05, 0.0, 0.4), (0.0, 0.05, 0.4)])
 # Noise of less than these variances is left as it is, in crisp masks and in soft ones: single elements of a real
 # modulator differ, too, and a blur is only nearly Gaussian.
 _NOISE_OF_CRISP: Final = 1e-5
@@ -237,7 +235,7 @@ class _Softening:
         """Find those that explain one mask, [1, H, W], best."""
         part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
         shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, unshifted, _shifted)
-        step = _FRACTION_STEP_PX
+        step = float(_FRACTIONS[1] - _FRACTIONS[0]) / 2
         while step > _FINEST_PX:
             around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
             shift, step = _search(around, part, unshifted, _shifted), step / 2
@@ -253,7 +251,7 @@ class _Softening:
         """Return the elements of masks, [N, H, W], by the way that explains these better."""
         unblurred = _open_or_closed(unblur(masks, *self.blur, _STEPS))
         blurred = _blurred(unblurred, *self.blur)
-        if max(np.abs(self.shift)) > _HARDLY_PX:
+        if max(np.abs(self.shift)) > MATTERS_PX:
             interpolated = _open_or_closed(unshifted(masks, *self.told_at))
             moved = _moved(interpolated, *self.shift, self.also_px)
             if _left(masks, moved) < _left(masks, blurred):
@@ -284,8 +282,7 @@ def _interpolation_and_blur(soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis,
         down, right = np.clip(unknown[:2], -0.5, 0.5).tolist()
         return _left(soft, _moved(elements, down, right, abs(float(unknown[2]))))
 
-    down, right = shift
-    simplex = np.array([[*shift, 0.0], *([down + a, right + b, _ALSO_PX] for a, b in _NEARBY)])
+    simplex = np.array([*shift, 0.0]) + _NEARBY
     found = minimize(left, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": _FINEST_PX})
     (down, right), sigma = np.clip(found.x[:2], -0.5, 0.5).tolist(), abs(float(found.x[2]))
     if sigma >= _LEAST_BLUR_PX and found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
@@ -373,14 +370,8 @@ def _undone(masks: F64, fraction: float) -> F64:
 
 
 def _shifted(masks: F64, down: float, right: float) -> F64:
-    return _interpolate(_interpolate(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
-
-
-def _interpolate(masks: F64, fraction: float) -> F64:
-    """Move pictures by a fraction of a pixel along their rows' index, with repeated borders."""
-    f = min(abs(fraction), 0.5)
-    if fraction >= 0:
-        before = np.concatenate([masks[:, :1], masks[:, :-1]], axis=1)
-    else:
-        before = np.concatenate([masks[:, 1:], masks[:, -1:]], axis=1)
-    return (1 - f) * masks + f * before
+    """Move pictures by a fraction of a pixel, up to a half in each direction, with repeated borders."""
+    for axis, fraction in ((1, down), (2, right)):
+        f = min(max(fraction, -0.5), 0.5)
+        masks = correlate1d(masks, (max(f, 0.0), 1 - abs(f), max(-f, 0.0)), axis, mode="nearest")
+    return masks

@@ -6,7 +6,6 @@ that judge them (`admission`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -16,12 +15,9 @@ from gs2ci.reconstruct.registration.admission import Corner, Trial, counted, lev
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import in_words
+from gs2ci.reconstruct.registration.parameters import BY_NAME, in_words
 from gs2ci.reconstruct.registration.rim import Rim, complete
 from gs2ci.reconstruct.registration.sharpen import SharpMasks, candidates
-
-# Of restored elements that are blurred again as much as they are stated, to this variance, no blur is reported.
-_SAME_BLUR_PX2: Final = 0.01
 
 
 @dataclass(frozen=True)
@@ -38,7 +34,7 @@ class Way:
     @property
     def is_bent(self) -> bool:
         """Get whether masks are moved by a smooth field beyond the affine."""
-        return bool(self.misfit.placement.field.any())
+        return bool(self.misfit.field.any())
 
 
 def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
@@ -65,7 +61,8 @@ def from_source(shot: Shot, estimate: MisfitEstimate, source: SharpMasks) -> lis
     for way in ways_of(replace(shot, masks=source.masks), estimate):
         moved = way.misfit.moved(*source.shift_px)
         misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
-        alike = abs(misfit.blur_px2) < _SAME_BLUR_PX2
+        # Restored elements may be blurred again as much as they are stated.
+        alike = abs(misfit.blur_px2) < BY_NAME["blur_px2"].least
         errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}
         said = "; ".join(filter(None, (how, in_words(misfit.values(), errors))))
         found.append(replace(way, is_filtered=False, misfit=misfit, errors=errors, found=said))
@@ -86,7 +83,7 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     """
     if not ways:
         return rival
-    bent = max((way.misfit for way in ways), key=lambda one: bent_px(one.placement, shot.size))
+    bent = max((way.misfit for way in ways), key=lambda one: bent_px(one, shot.size))
     # Readings may have been averaged where a mask is not known, and averages predict each other.
     unknown = np.any([way.rim.unknown for way in (*ways, *(() if rival is None else (rival,)))], axis=0)
     trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size), unknown)
@@ -100,8 +97,8 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
 
 def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
     """Return the corner that a field moves most; None without a field."""
-    if not misfit.placement.field.any():
+    if not misfit.field.any():
         return None
     corners = [(lower, right) for lower in (False, True) for right in (False, True)]
     places = (np.array(corners) - 0.5) * (np.array(size) - 1)
-    return corners[int(np.linalg.norm(misfit.placement.field_px(places), axis=1).argmax())]
+    return corners[int(np.linalg.norm(misfit.field_px(places), axis=1).argmax())]

@@ -3,16 +3,22 @@
 A depth errs with the path, by which all depths shift together, not least as far as a turn in step with the travel may
 take the travel's place; by the error of a point's place in each view, the more the less the point moves through the
 views; by the thickness of the light that it is the median of; and where near and far meet, because an edge may lie a
-pixel off. Here: these together. Not here: the covariance (`information`), that turn (`poses`), the factors (`factors`).
+pixel off. Here: these together, on a device where one works. Not here: the covariance (`information`), that turn
+(`poses`), the factors (`factors`).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+import torch
+from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen
+from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen, turned
 from gs2ci.reconstruct.uncertainty.poses import relief, travel_across
 from gs2ci.reconstruct.uncertainty.slopes import slopes
+from gs2ci.render.places import work_place
 
 
 def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_error: float, *, given: bool) -> F32:
@@ -33,53 +39,50 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
     variance = (1.0 if given else factors.depth_by_poses**2) * _by_poses(known, given=given)
     middle, found = float(np.median(depth[there])), np.zeros_like(depth)
     shift = 0.0 if given else relief(travel_across(seen.world_to_camera, middle), seen.focal_px)
+    device = work_place()
+    by_cells, most = torch.from_numpy(variance).to(device), factors.most_of_jump
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
-        own, cells = depth[view].astype(np.float64), known.cells[view]
-        ray_ends = np.concatenate([seen.rays, np.ones_like(seen.rays[..., :1])], axis=-1) * _ahead(own)[..., None]
-        moved = movement(seen.world_to_camera, seen.focal_px, view, ray_ends)
-        jump = np.hypot(*slopes(np.log(np.where(there[view], own, np.nan))))
-        jump = np.minimum(np.nan_to_num(jump, nan=factors.most_of_jump), factors.most_of_jump)
-        off_middle = np.abs(own / middle - 1)
-        by_path = np.hypot(factors.depth_by_path * path_error * (factors.at_middle + off_middle), shift * off_middle)
-        by_light = np.hypot(factors.depth_by_spread * spread[view], factors.depth_by_jump * jump)
-        by_poses = np.where(cells >= 0, variance[cells], variance[-1])
-        relative = np.sqrt(by_poses + (factors.place_px / moved) ** 2 + by_light**2 + by_path**2)
-        found[view] = np.where(there[view], np.minimum(relative, 1) * own, 0)
+        own, across, light = (torch.from_numpy(one).to(device) for one in (depth[view], seen.rays, spread[view]))
+        own, rays, known_there = own.double(), across.double().unbind(dim=-1), own > 0
+        ahead = torch.where(known_there, own, 1)
+        moved = movement(seen.world_to_camera, seen.focal_px, view, (rays[0] * ahead, rays[1] * ahead, ahead))
+        jump = torch.hypot(*slopes(torch.where(known_there, own, torch.nan).log())).nan_to_num(nan=most).clamp(max=most)
+        off_middle = (own / middle - 1).abs()
+        by_path = torch.hypot(factors.depth_by_path * path_error * (factors.at_middle + off_middle), shift * off_middle)
+        by_light = torch.hypot(factors.depth_by_spread * light.double(), factors.depth_by_jump * jump)
+        # Pixels of no cell, -1, take the last.
+        by_poses = by_cells[torch.from_numpy(known.cells[view]).to(device)]
+        relative = (by_poses + (factors.place_px / moved) ** 2 + by_light**2 + by_path**2).sqrt()
+        found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
 
 
-def _ahead(depth: F64) -> F64:
-    """Return depths with 1 where there is none."""
-    return np.where(depth > 0, depth, 1)
-
-
-def movement(world_to_camera: F64, focal_px: F64, view: int, points: F64) -> F64:
+def movement(world_to_camera: F64, focal_px: F64, view: int, points: Sequence[Tensor]) -> Tensor:
     """Return how far points move through the views per relative change of their depth, px.
 
     Args:
         world_to_camera: [N, 4, 4].
         focal_px: Focal lengths, [2].
         view: The view along whose rays they move.
-        points: In the axes of this view, [..., 3].
+        points: Their three coordinates in the axes of this view, [...] each.
 
     Returns:
         [...]: the root of the sum of squares, over the views, of the change of a point's place beyond the mean change;
         at least so much that no depth errs by more than itself.
     """
-    relative = world_to_camera @ np.linalg.inv(world_to_camera[view])
-    total = np.zeros((*points.shape[:-1], 2))
-    squares = np.zeros(points.shape[:-1])
-    for motion in relative:
+    squares, total = torch.zeros_like(points[0]), [torch.zeros_like(points[0]) for _ in focal_px]
+    for motion in world_to_camera @ np.linalg.inv(world_to_camera[view]):
         # How a point moves in each camera's axes as its depth grows by a share, and where it is.
-        along = points @ motion[:3, :3].T
-        there = along + motion[:3, 3]
-        ahead = np.where(there[..., 2:] > 0, there[..., 2:], np.inf)
-        places = (along[..., :2] - there[..., :2] / ahead * along[..., 2:]) / ahead * focal_px
-        total += places
-        squares += np.square(places).sum(axis=-1)
-    moved: F64 = np.sqrt(np.maximum(squares - np.square(total).sum(axis=-1) / len(relative), 0))
-    return np.maximum(moved, factors.place_px)
+        along = turned(motion, points)
+        depth = along[2] + float(motion[2, 3])
+        ahead = torch.where(depth > 0, depth, torch.inf)
+        for axis, (focal, offset) in enumerate(zip(focal_px.tolist(), motion[:2, 3].tolist(), strict=True)):
+            place = (along[axis] - (along[axis] + offset) / ahead * along[2]) / ahead * focal
+            total[axis] += place
+            squares += place.square()
+    spread = squares - sum(one.square() for one in total) / len(world_to_camera)
+    return spread.clamp(min=0).sqrt().clamp(min=factors.place_px)
 
 
 def _by_poses(known: Information, *, given: bool) -> F64:

@@ -11,20 +11,25 @@ normal matrix JᵀJ of depths and poses together; in its inverse, what they can 
 of a camera for a part of its travel, a depth for both.
 """
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_matrix, csr_matrix
+from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres, in_camera, in_world, path_extent
 from gs2ci.reconstruct.fit.optimiser.poses import LEAST_EXTENT
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.slopes import slopes
+from gs2ci.render.places import work_place
 
 Numbers = NDArray[np.int64]
 
@@ -124,11 +129,10 @@ def _lattice(height: int, width: int, most: int) -> tuple[Numbers, float]:
     return chosen, height * width / chosen.size
 
 
-def _in_world(seen: ReadingsSeen, view: int) -> F64:
-    """Return the points that a view's pixels show, [H, W, 3]."""
-    depth = seen.depth[view].astype(np.float64)[..., None]
-    there = np.concatenate([seen.rays * depth, depth], axis=-1)
-    return in_world(there, seen.world_to_camera[view])
+def _in_world(seen: ReadingsSeen, view: int, chosen: Numbers, depth: F32 | None = None) -> F64:
+    """Return the points that chosen pixels of a view show, [P, 3]; at other depths than its own if they are given."""
+    own = (seen.depth[view].reshape(-1)[chosen] if depth is None else depth).astype(np.float64)[:, None]
+    return in_world(np.concatenate([seen.rays.reshape(-1, 2)[chosen] * own, own], axis=-1), seen.world_to_camera[view])
 
 
 def flows_between(seen: ReadingsSeen) -> F64:
@@ -138,10 +142,11 @@ def flows_between(seen: ReadingsSeen) -> F64:
     """
     count, height, width = seen.depth.shape
     chosen, _ = _lattice(height, width, _PLACES)
-    depth = np.where(seen.depth > 0, seen.depth, _middle_depth(seen)).astype(np.float32)
+    depth = seen.depth.reshape(count, -1)[:, chosen]
+    depth = np.where(depth > 0, depth, np.float32(_middle_depth(seen)))
     found = np.zeros((count, count, len(chosen)))
     for view in range(count):
-        points = _in_world(replace(seen, depth=depth), view).reshape(-1, 3)[chosen]
+        points = _in_world(seen, view, chosen, depth[view])
         here = seen.rays.reshape(-1, 2)[chosen]
         for other in range(count):
             there = in_camera(points, seen.world_to_camera[other])
@@ -150,31 +155,49 @@ def flows_between(seen: ReadingsSeen) -> F64:
     return found
 
 
+def turned(motion: F64, points: Sequence[Tensor]) -> list[Tensor]:
+    """Return the coordinates of points, given by theirs, after the rotation of a motion, [4, 4]."""
+    x, y, z = points
+    return [across * x + down * y + along * z for across, down, along in motion[:3, :3].tolist()]
+
+
 def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
     """Return which cell of the reference view, continued beyond its borders, each pixel shows, [N, H, W]; how many."""
     count, height, width = seen.depth.shape
-    side = max(_LEAST_SIDE_PX, np.sqrt(height * width / _MOST_CELLS))
+    side = max(_LEAST_SIDE_PX, math.sqrt(height * width / _MOST_CELLS))
     # Points far outside are all in the outermost ring of cells.
     reach = np.array([width, height]) / side
     columns, rows = (int(2 * np.ceil(value)) + 3 for value in reach)
-    found = np.full(seen.depth.shape, -1, np.int64)
+    found = np.empty(seen.depth.shape, np.int64)
+    device = work_place()
+    across = torch.from_numpy(seen.rays).to(device).double().unbind(dim=-1)
     for view in range(count):
-        there = in_camera(_in_world(seen, view), seen.world_to_camera[reference])
-        usable = (seen.depth[view] > 0) & (there[..., 2] > 0)
-        ahead = np.where(usable, there[..., 2], 1.0)
-        places = np.where(usable[..., None], there[..., :2], 0.0) / ahead[..., None] * seen.focal_px / side
-        column, row = np.moveaxis(np.floor(np.clip(places, -reach, reach)).astype(np.int64), -1, 0)
-        found[view] = np.where(usable, (row + rows // 2) * columns + column + columns // 2, -1)
-    present, numbered = np.unique(found, return_inverse=True)
-    none = int(present[0] == -1)
-    return numbered.reshape(found.shape) - none, len(present) - none
+        depth = torch.from_numpy(seen.depth[view]).to(device).double()
+        motion = seen.world_to_camera[reference] @ np.linalg.inv(seen.world_to_camera[view])
+        there = turned(motion, (across[0] * depth, across[1] * depth, depth))
+        x, y, z = (part + offset for part, offset in zip(there, motion[:3, 3].tolist(), strict=True))
+        usable = (depth > 0) & (z > 0)
+        column, row = (
+            (torch.where(usable, part, 0.0) / torch.where(usable, z, 1.0) * (focal / side))
+            .clamp(-far, far)
+            .floor()
+            .long()
+            for part, focal, far in zip((x, y), seen.focal_px.tolist(), reach.tolist(), strict=True)
+        )
+        cell = (row + rows // 2) * columns + column + columns // 2
+        found[view] = torch.where(usable, cell, -1).cpu().numpy()
+    present = np.flatnonzero(np.bincount(found.ravel() + 1)[1:])
+    numbers = np.full(present.max(initial=-1) + 2, -1)
+    numbers[present + 1] = np.arange(len(present))
+    return numbers[found + 1], len(present)
 
 
 def _gradients(view: F32) -> F64:
     """Return the gradient of a view, [H, W, C], along x and y, [H * W, C, 2]."""
     smooth = gaussian_filter(view.astype(np.float64), (_SMOOTH_PX, _SMOOTH_PX, 0), mode="nearest")
-    down, across = slopes(np.moveaxis(smooth, -1, 0))
-    return np.moveaxis(np.stack([across, down], axis=-1), 0, -2).reshape(-1, view.shape[2], 2)
+    down, across = slopes(torch.from_numpy(smooth).movedim(-1, 0))
+    found: F64 = torch.stack([across, down], dim=-1).movedim(0, -2).reshape(-1, view.shape[2], 2).numpy()
+    return found
 
 
 def _flow(points: F64, focal_px: F64) -> F64:
@@ -225,7 +248,7 @@ def _moves(seen: ReadingsSeen, reference: int, view: int, chosen: Numbers) -> tu
         By the twist of each camera, [P, N, 2, 6], and by the relative depth along the reference view's ray, [P, 2]; px.
     """
     count, height, width = seen.depth.shape
-    points = _in_world(seen, view).reshape(-1, 3)[chosen]
+    points = _in_world(seen, view, chosen)
     along = points - camera_centres(seen.world_to_camera[reference : reference + 1])[0]
     flows, moves, sees = [], [], []
     for other in range(count):

@@ -1,18 +1,10 @@
 """Slopes of pictures: differences between neighbouring pixels."""
 
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-
-from gs2ci.core.arrays import F64
-
-Numbers = NDArray[Any]
+import torch
+from torch import Tensor
 
 
-def slopes(values: Numbers) -> tuple[F64, F64]:
+def slopes(values: Tensor) -> list[Tensor]:
     """Return how maps, [..., H, W], change per pixel down and across; 0 along a side of a single pixel."""
-    down, across = (
-        np.gradient(values, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values) for axis in (-2, -1)
-    )
-    return down, across
+    sides = ((axis, values.shape[axis] > 1) for axis in (-2, -1))
+    return [torch.gradient(values, dim=axis)[0] if wide else 0 * values for axis, wide in sides]

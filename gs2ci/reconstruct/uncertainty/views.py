@@ -9,6 +9,7 @@ own reading says of each view. Here: that. Not here: the factors (`factors`), de
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32, F64
@@ -94,11 +95,11 @@ def _pattern(views: ViewsMade, power: F64, light: F64, full: float) -> F32:
     about = _smooth(power, factors.neighbourhood_px) / np.maximum(
         _smooth(light, factors.neighbourhood_px), factors.least_light * full
     )
-    down, across = slopes(_smooth(views.delivered.mean(axis=-1), 0.5))
+    down, across = slopes(torch.from_numpy(_smooth(views.delivered.mean(axis=-1), 0.5)))
     apart = np.stack([np.mean((a - b) ** 2, axis=-1) for a, b in zip(views.decoded, views.delivered, strict=True)])
     parts = [
         (factors.pattern_of_residual, np.broadcast_to(about, views.delivered.shape[:3])),
-        (factors.pattern_of_detail, _smooth(down**2 + across**2, 1.2)),
+        (factors.pattern_of_detail, _smooth((down**2 + across**2).numpy(), 1.2)),
         (factors.pattern_of_decode, _smooth(apart, 1.0)),
     ]
     if views.disagreement is not None:

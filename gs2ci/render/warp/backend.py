@@ -7,7 +7,6 @@ each rendering (docs/gpu.md).
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -85,10 +84,10 @@ class WarpBackend:
     def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> WarpMaskSet:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)
-        values = np.ascontiguousarray(masks.detach().cpu().numpy(), dtype=np.float32)
-        views, height, width = values.shape
+        views, height, width = masks.shape
         check_sampling(sampling, (height, width))
-        return WarpMaskSet(views, (height, width), code(values, self.place, sampling), sampling)
+        there = masks.detach().to(self.device, torch.float32)
+        return WarpMaskSet(views, (height, width), code(there, self.place, sampling), sampling)
 
     def reuse(self) -> WarpReuse:
         """Share lists of Gaussians among renderings; see `Backend.reuse`."""
@@ -212,7 +211,7 @@ class WarpBackend:
         key = (*shape, sampling)
         coding = self._full_codings.pop(key, None)
         if coding is None:
-            coding = code(np.ones(shape, np.float32), self.place, sampling, apart=True)
+            coding = code(torch.ones(shape, device=self.device), self.place, sampling, apart=True)
         self._full_codings[key] = coding
         if len(self._full_codings) > _FULL_CODINGS_KEPT:
             del self._full_codings[next(iter(self._full_codings))]

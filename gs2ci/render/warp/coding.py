@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import torch
 import warp as wp
 from numpy.typing import NDArray
+from torch import Tensor
 
-from gs2ci.core.arrays import F32
 from gs2ci.render.conventions import FRUSTUM_MARGIN
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.warp.types import BLOCK, TiledCamera
@@ -74,45 +75,49 @@ class OpenBlocks:
         return camera
 
 
-def code(masks: F32, device: str, sampling: CanvasSampling | None = None, *, apart: bool = False) -> OpenBlocks:
-    """Compact the open pixels of masks, [V, H, W].
+def code(masks: Tensor, device: str, sampling: CanvasSampling | None = None, *, apart: bool = False) -> OpenBlocks:
+    """Compact the open pixels of masks, [V, H, W] float32, where they lie; what is counted by tile is the host's.
 
     Args:
-        masks: Mask value times weight; pixels at 0 are left out.
+        masks: Mask value times weight; pixels at 0 are left out. On the device, if torch can hold tensors there.
         device: A name of Warp's.
         sampling: Where the pixels look, behind a lens.
         apart: Every view has an output of its own, instead of one coded sum.
     """
     views, height, width = masks.shape
     frame = (height, width) if sampling is None else sampling.canvas
-    tile_h, tile_w = _tile(float((masks > 0).mean()) if masks.size else 1.0)
+    flat = masks.reshape(views, height * width)
+    view, pixel = (flat > 0).nonzero(as_tuple=True)
+    tile_h, tile_w = _tile(len(pixel) / masks.numel() if masks.numel() else 1.0)
     tiles_x, tiles_y = -(-frame[1] // tile_w), -(-frame[0] // tile_h)
     if sampling is None:
-        y, x = (part.reshape(-1) for part in np.mgrid[:height, :width] + 0.5)
+        numbers = torch.arange(height * width, device=masks.device)
+        x, y = (numbers % width).double() + 0.5, (numbers // width).double() + 0.5
     else:
-        x, y = sampling.places.reshape(-1, 2).T
-    tile = (y.astype(np.int64) // tile_h) * tiles_x + x.astype(np.int64) // tile_w
-    flat = masks.reshape(views, height * width)
-    view, pixel = np.nonzero(flat > 0)
-    key = view * (tiles_x * tiles_y) + tile[pixel]
-    order = np.argsort(key, kind="stable")
+        x, y = torch.from_numpy(sampling.places.reshape(-1, 2)).to(masks.device).unbind(dim=1)
+    tile = (y.long() // tile_h) * tiles_x + x.long() // tile_w
+    key, order = (view * (tiles_x * tiles_y) + tile[pixel]).sort(stable=True)
     view, pixel = view[order], pixel[order]
-    per_tile = np.bincount(key, minlength=views * tiles_x * tiles_y)
+    begins = _begins(key, views * tiles_x * tiles_y).cpu().numpy()
+    per_tile = np.diff(begins)
     blocks_of = -(-per_tile // BLOCK)
     blocks_before = np.concatenate([[0], np.cumsum(blocks_of)])
     blocks = int(blocks_before[-1])
     owner = np.repeat(np.arange(len(per_tile)), blocks_of)
     within = np.arange(blocks) - blocks_before[owner]
-    begins = np.concatenate([[0], np.cumsum(per_tile)])
     # A tile's pixels are dealt evenly among its blocks.
-    first = begins[owner] + within * per_tile[owner] // np.maximum(blocks_of[owner], 1)
-    first = np.concatenate([first, [len(pixel)]])
+    first = np.append(begins[owner] + within * per_tile[owner] // blocks_of[owner], len(pixel))
+    block_of = torch.from_numpy(first[1:]).to(masks.device)
+    block_of = torch.searchsorted(block_of, torch.arange(len(pixel), device=masks.device), right=True)
     into = view * (height * width) + pixel if apart else pixel
     outputs = height * width * (views if apart else 1)
+    # Equal ones stay in the order of views.
+    written, slots = into.sort(stable=True)
 
-    def of(values: NDArray[Any], kind: Any) -> Any:
-        made = np.ascontiguousarray(values, np.int32 if kind is wp.int32 else np.float32)
-        return wp.array(made, dtype=kind, device=device)
+    def of(values: Tensor, kind: Any) -> Any:
+        made = values.to(masks.device, torch.int32 if kind is wp.int32 else torch.float32).contiguous()
+        shared = made.is_cuda or device == "cpu"
+        return wp.from_torch(made) if shared else wp.array(made.numpy(), dtype=kind, device=device)
 
     return OpenBlocks(
         views=views,
@@ -124,14 +129,19 @@ def code(masks: F32, device: str, sampling: CanvasSampling | None = None, *, apa
         y=of(y[pixel], wp.float32),
         into=of(into, wp.int32),
         weight=of(flat[view, pixel], wp.float32),
-        block_of=of(np.repeat(np.arange(blocks), np.diff(first)), wp.int32),
-        first=of(first, wp.int32),
-        blocks_before=of(blocks_before, wp.int32),
-        start=of(np.concatenate([[0], np.cumsum(np.bincount(into, minlength=outputs))]), wp.int32),
-        slots=of(np.lexsort((view, into)), wp.int32),
+        block_of=of(block_of, wp.int32),
+        first=of(torch.from_numpy(first), wp.int32),
+        blocks_before=of(torch.from_numpy(blocks_before), wp.int32),
+        start=of(_begins(written, outputs), wp.int32),
+        slots=of(slots, wp.int32),
         blocks=blocks,
         outputs=outputs,
     )
+
+
+def _begins(ordered: Tensor, count: int) -> Tensor:
+    """Return where each of so many numbers begins among ordered ones, and where the last ends, [count + 1]."""
+    return torch.searchsorted(ordered, torch.arange(count + 1, device=ordered.device))
 
 
 def _tile(open_share: float) -> tuple[int, int]:

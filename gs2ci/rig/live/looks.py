@@ -97,7 +97,7 @@ def residual_of(pixels: U16, mask: F64, black_dn: float) -> MaskResidual:
     seen = np.maximum(pixels.astype(np.float64) - black_dn, 0.0)
     width = element_px(mask)
     sought = fine_pattern(seen, width, relative=True)
-    tiles = find_tiles(sought, fine_pattern(mask, width), lambda place: np.zeros(2), REACH_PX, width)
+    tiles = find_tiles(sought, fine_pattern(mask, width), np.zeros(2), REACH_PX, width)
     placed = place_tiles(tiles, (seen.shape[0], seen.shape[1]))
     if placed is None:
         return MaskResidual(())

@@ -140,10 +140,16 @@ def test_three_inputs_are_no_denoiser(tmp_path):
         OnnxDenoiser(tmp_path / "three.onnx")
 
 
-def test_another_image_size_than_the_models_fixed_one_is_refused(make_model, views):
-    shape = ("n", 1, 32, 32)
+@pytest.mark.parametrize("sides", [(16, 24), (32, 32)])
+def test_a_fixed_image_size_is_filled_up(make_model, views, sides):
+    shape = ("n", 1, *sides)
+    assert np.array_equal(OnnxDenoiser(make_model(BLIND, image=shape, sigma=None, out=shape))(views, 0.1), views)
+
+
+def test_an_image_larger_than_the_models_fixed_size_is_refused(make_model, views):
+    shape = ("n", 1, 32, 16)
     denoise = OnnxDenoiser(make_model(BLIND, image=shape, sigma=None, out=shape))
-    with pytest.raises(InputError, match="takes images of 32 x 32 pixels, not of 16 x 24"):
+    with pytest.raises(InputError, match="takes images of 32 x 16 pixels, not of 16 x 24"):
         denoise(views, 0.1)
 
 

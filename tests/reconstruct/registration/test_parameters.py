@@ -9,21 +9,19 @@ import pytest
 
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, NAMES, PARAMETERS, in_words
-from gs2ci.reconstruct.registration.placement import Placement
 
 SIZE = (96, 128)
 
 
 def test_the_list_has_every_error_of_the_record_in_its_order():
-    of_record = [one.name for one in fields(Placement)] + [one.name for one in fields(Misfit)][1:]
-    assert list(NAMES) == of_record
+    assert list(NAMES) == [one.name for one in fields(Misfit)]
     assert [one for group in GROUPS for one in group.parameters] == list(PARAMETERS)
 
 
 @pytest.mark.parametrize("one", [one for one in PARAMETERS if one.per_px is not None], ids=lambda one: one.name)
 def test_a_step_displaces_the_farthest_corner_by_a_tenth_of_a_pixel(one):
     step = one.step_at(float(np.hypot(*SIZE)) / 2, 1.0)
-    moved = Misfit.from_vector(np.where(np.array(NAMES) == one.name, step, 0.0)).placement.displacement_px(SIZE)
+    moved = Misfit(**{one.name: step}).displacement_px(SIZE)
     # A term that grows along one direction alone moves the corner by less than one that grows outwards.
     assert 0.03 <= np.linalg.norm(moved, axis=1).max() <= 0.101
 
@@ -34,7 +32,7 @@ def test_steps_of_the_black_level_are_shares_of_the_mean_reading():
 
 
 def test_something_is_said_of_what_was_let_in_alone_and_of_a_field_once():
-    misfit = Misfit(Placement(down_px=0.5, radial_px=0.3, down_dd_px=0.1), leak=0.03)
+    misfit = Misfit(down_px=0.5, radial_px=0.3, down_dd_px=0.1, leak=0.03)
     errors = {"down_px": 0.01, "right_px": 0.01, "radial_px": 0.02, "down_dd_px": 0.02}
     said = in_words(misfit.values(), errors)
     assert said.count("bent by a smooth field") == 1

@@ -66,7 +66,7 @@ def test_the_noise_of_a_dark_frame_is_not_refused(bench, offset):
 def test_a_shift_is_found_to_a_hundredth_of_a_pixel(bench, moved):
     were = warped(bench.masks, down_px=moved[0], right_px=moved[1])
     found = register(bench.shoot(were=were))
-    place = found.misfit.placement
+    place = found.misfit
     assert (place.down_px, place.right_px) == pytest.approx(moved, abs=0.02)
     assert found.errors["down_px"] < 0.02
     inner = np.s_[:, 20:-20, 20:-20]
@@ -76,7 +76,7 @@ def test_a_shift_is_found_to_a_hundredth_of_a_pixel(bench, moved):
 @pytest.mark.parametrize(("turn_deg", "scale"), [(0.3, 1.0), (-2.5, 1.0), (0.0, 1.005), (1.0, 0.975)])
 def test_turn_and_scale_are_found(bench, turn_deg, scale):
     found = register(bench.shoot(were=warped(bench.masks, turn_deg=turn_deg, scale=scale)))
-    place = found.misfit.placement
+    place = found.misfit
     assert place.rotation_deg == pytest.approx(turn_deg, abs=0.03)
     assert 1 + place.scale == pytest.approx(scale, abs=0.0005)
 
@@ -209,7 +209,7 @@ def test_masks_that_are_too_soft_to_tell_what_they_were_are_said_to_be(bench):
 def test_masks_stated_interpolated_are_put_back(bench, right_px):
     stated = warped(bench.masks, right_px=right_px).astype(np.float32)
     found = register(bench.shoot(stated=stated))
-    assert found.misfit.placement.right_px == pytest.approx(-right_px, abs=0.02)
+    assert found.misfit.right_px == pytest.approx(-right_px, abs=0.02)
     assert np.abs(found.shot.masks - bench.masks)[:, 2:-2, 2:-2].mean() < 0.01
 
 
@@ -292,7 +292,7 @@ def test_told_clipping_stays_as_it_was_told(bench):
 def test_several_things_at_once_are_told_apart(bench):
     were = 0.97 * blurred(warped(bench.masks, down_px=0.5, right_px=-0.5, turn_deg=0.2), 0.7) + 0.03
     found = register(bench.shoot(were=were, noise=0.02))
-    place = found.misfit.placement
+    place = found.misfit
     assert (place.down_px, place.right_px) == pytest.approx((0.5, -0.5), abs=0.04)
     assert place.rotation_deg == pytest.approx(0.2, abs=0.06)
     assert np.abs(found.shot.masks - were)[:, 4:-4, 4:-4].mean() < 0.02
@@ -345,17 +345,17 @@ def test_sixty_four_views_a_mosaic_and_grey_masks_are_registered_as_well(bench):
     grey = rng.random(bench.masks.shape).astype(np.float32)
     moved = warped(grey, right_px=1.4)
     found = register(bench.shoot(were=moved, stated=grey))
-    assert found.misfit.placement.right_px == pytest.approx(1.4, abs=0.03)
+    assert found.misfit.right_px == pytest.approx(1.4, abs=0.03)
     masks = (rng.random((64, 96, 112)) < 0.3).astype(np.float32)
     many = type(bench)(np.repeat(bench.views[:1], 64, axis=0), masks)
     found = register(many.shoot(were=warped(masks, down_px=-0.6)))
-    assert found.misfit.placement.down_px == pytest.approx(-0.6, abs=0.03)
+    assert found.misfit.down_px == pytest.approx(-0.6, abs=0.03)
     colour = bench.shoot(were=warped(bench.masks, down_px=0.7))
     light, mosaic = colour.measurement, np.zeros((*colour.size, 1), np.float32)
     for (row, column), channel in {(0, 0): 0, (0, 1): 1, (1, 0): 1, (1, 1): 2}.items():
         mosaic[row::2, column::2, 0] = light[row::2, column::2, channel]
     found = register(replace(colour, measurement=mosaic, cfa="RGGB").check())
-    assert found.misfit.placement.down_px == pytest.approx(0.7, abs=0.04)
+    assert found.misfit.down_px == pytest.approx(0.7, abs=0.04)
 
 
 def test_the_summary_is_plain_and_whole(bench):

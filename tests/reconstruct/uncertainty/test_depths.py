@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from gs2ci.reconstruct.uncertainty.depths import errors_of_depths, movement
 from gs2ci.reconstruct.uncertainty.factors import factors
@@ -65,7 +66,8 @@ def test_without_any_depth_there_is_no_error(seen):
 
 def test_a_point_moves_by_the_parallax_of_its_depth():
     poses = path(5)
-    found = movement(poses, np.array([35.0, 35.0]), 2, np.array([0.0, 0.0, 2.0]))
+    near, far = (torch.tensor([0, 0, depth], dtype=torch.float64).unbind() for depth in (2.0, 1e6))
+    found = movement(poses, np.array([35.0, 35.0]), 2, near)
     places = 35 * np.linspace(-0.1, 0.1, 5) / 2
-    assert found == pytest.approx(np.sqrt(np.square(places).sum()))
-    assert movement(poses, np.array([35.0, 35.0]), 2, np.array([0.0, 0, 1e6])) == factors.place_px
+    assert float(found) == pytest.approx(np.sqrt(np.square(places).sum()))
+    assert float(movement(poses, np.array([35.0, 35.0]), 2, far)) == factors.place_px

@@ -29,38 +29,22 @@ def find_error(
     saturated: wp.array(dtype=wp.uint8),
     channels: int,
     per_exposure: float32,
+    centred: Floats,
     error: Floats,
     counted: Floats,
+    terms: Vectors,
 ):
-    """Store a prediction's error at the values that count, and which they are."""
+    """Store a prediction's error e at the values that count, which they are, and e, e², eb."""
     i = wp.tid()
     pixel = i // channels
     seen = predicted[i] * per_exposure
     counts = fitted[pixel]
     if saturated[pixel] > wp.uint8(0) and seen > target[i]:
         counts = 0.0
-    error[i] = (seen - target[i]) * counts
+    e = (seen - target[i]) * counts
+    error[i] = e
     counted[i] = counts
-
-
-@wp.kernel
-def filter_down(
-    error: Floats,
-    centred: Floats,
-    taps: Floats,
-    height: int,
-    row: int,
-    out: Vectors,
-):
-    """Filter e, e² and eb along columns; what lies outside the image counts as zero."""
-    i = wp.tid()
-    y = i // row
-    total = vec3()
-    for k in range(1 - taps.shape[0], taps.shape[0]):
-        if y + k >= 0 and y + k < height:
-            e = error[i + k * row]
-            total += taps[wp.abs(k)] * vec3(e, e * e, e * centred[i + k * row])
-    out[i] = total
+    terms[i] = vec3(e, e * e, e * centred[i])
 
 
 @wp.func
@@ -116,16 +100,16 @@ def compare(
 
 
 @wp.kernel
-def filter_back_down(
-    partial: Vectors,
+def filter_columns(
+    values: Vectors,
     taps: Floats,
     height: int,
     row: int,
     out: Vectors,
 ):
-    """Filter derivatives along columns."""
+    """Filter along columns."""
     i = wp.tid()
-    out[i] = along(partial, taps, i, i // row, height, row)
+    out[i] = along(values, taps, i, i // row, height, row)
 
 
 @wp.kernel
@@ -176,7 +160,5 @@ def find_loss(sums: wp.array(dtype=wp.vec2d), of_error: float64, of_unlike: floa
     loss[0] = total
 
 
-ALL: Final[tuple[Any, ...]] = (
-    *(find_error, filter_down, compare, filter_back_down, find_gradient, sum_errors, find_loss),
-)
+ALL: Final[tuple[Any, ...]] = (*(find_error, filter_columns, compare, find_gradient, sum_errors, find_loss),)
 """For counts and for compiling in advance."""

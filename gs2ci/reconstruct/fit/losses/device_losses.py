@@ -33,21 +33,19 @@ class DataTermOnDevice:
         self._shape, self._channels = term.shape, term.shape[2]
         height, width, channels = term.shape
         self._row, self._height, self._size = width * channels, height, height * width * channels
-        statistics = term.similarity.of_target
-        arrays = [there(one) for one in (term.target, *statistics)]
-        arrays += [there(term.similarity.taps), there(term.fitted)]
+        alike = term.similarity
+        arrays = [there(one) for one in (term.target, *alike.of_target, alike.taps, term.fitted)]
         saturated = np.zeros((height, width)) if term.saturated is None else term.saturated
         self._saturated = wp.from_torch(there(saturated, np.uint8))
-        self._predicted = torch.empty(self._size, device=device)
-        self._gradient = torch.empty(self._size, device=device)
-        self._apart, self._counted = torch.empty_like(self._gradient), torch.empty_like(self._gradient)
+        self._predicted, self._gradient, self._apart, self._counted = torch.empty(4, self._size, device=device)
         self._loss = torch.empty(1, dtype=torch.float64, device=device)
-        place = str(self._loss_array().device.alias)
         self._target, *self._statistics, self._centred, self._taps, self._fitted = map(wp.from_torch, arrays)
+        given = (self._predicted, self._gradient, self._apart, self._counted, self._loss)
+        self._shared = [wp.from_torch(one) for one in given]
+        place = str(self._target.device.alias)
         self._error = wp.empty(self._size, dtype=wp.float32, device=place)
         self._halfway, self._partial = (wp.empty(self._size, dtype=wp.vec3, device=place) for _ in range(2))
         self._sums = wp.empty(-(-self._size // int(kernels.CHUNK)), dtype=wp.vec2d, device=place)
-        self._shared = [wp.from_torch(one) for one in (self._predicted, self._gradient, self._apart, self._counted)]
         weight = term.similarity_weight
         self._weights = ((1 - weight) * term.per_value, weight / self._size)
         self._per_exposure = float(term.per_exposure)
@@ -67,21 +65,24 @@ class DataTermOnDevice:
         return self._apart.view(self._shape).mean(dim=2) * counts
 
     def _compare(self, launch: Launcher) -> None:
-        predicted, _, apart, counted = self._shared
-        size = self._size
+        predicted, _, apart, counted, _ = self._shared
         given = [predicted, self._target, self._fitted, self._saturated, self._channels, self._per_exposure]
-        launch(loss_kernels.find_error, size, given, [self._error, counted])
-        columns = [self._height, self._row]
-        launch(loss_kernels.filter_down, size, [self._error, self._centred, self._taps, *columns], [self._halfway])
+        found = [self._error, counted, self._partial]
+        launch(loss_kernels.find_error, self._size, [*given, self._centred], found)
+        self._filter_columns(launch)
         along = [self._taps, self._row, self._channels]
-        launch(loss_kernels.compare, size, [self._halfway, *self._statistics, *along], [apart, self._partial])
+        launch(loss_kernels.compare, self._size, [self._halfway, *self._statistics, *along], [apart, self._partial])
+
+    def _filter_columns(self, launch: Launcher) -> None:
+        given = [self._partial, self._taps, self._height, self._row]
+        launch(loss_kernels.filter_columns, self._size, given, [self._halfway])
 
     def _weigh(self, launch: Launcher) -> None:
         self._compare(launch)
-        _, gradient, apart, counted = self._shared
+        self._filter_columns(launch)
+        _, gradient, apart, counted, loss = self._shared
         size, (of_error, of_unlike) = self._size, self._weights
-        columns, along = [self._height, self._row], [self._taps, self._row, self._channels]
-        launch(loss_kernels.filter_back_down, size, [self._partial, self._taps, *columns], [self._halfway])
+        along = [self._taps, self._row, self._channels]
         slopes = [of_error * self._per_exposure, of_unlike * self._per_exposure]
         launch(
             loss_kernels.find_gradient,
@@ -90,7 +91,4 @@ class DataTermOnDevice:
             [gradient],
         )
         launch.blocks(loss_kernels.sum_errors, len(self._sums), int(kernels.SUMMED), [self._error, apart], [self._sums])
-        launch(loss_kernels.find_loss, 1, [self._sums, of_error, of_unlike], [self._loss_array()])
-
-    def _loss_array(self) -> Any:
-        return wp.from_torch(self._loss)
+        launch(loss_kernels.find_loss, 1, [self._sums, of_error, of_unlike], [loss])

@@ -47,17 +47,13 @@ def _matching_cost(reference: Tensor, views: Tensor, homographies: Tensor, best:
     inverse_z = 1 / z.clamp(min=float(LEAST_DEPTH))
     u, v = u * inverse_z, v * inverse_z
     lost = (u < 0) | (u > width - 1) | (v < 0) | (v > height - 1) | (z < float(LEAST_DEPTH))
-    u, v = u.clamp(0, width - 1), v.clamp(0, height - 1)
-    column, row = u.long().clamp(max=width - 2), v.long().clamp(max=height - 2)
-    across, down = (u - column)[..., None], (v - row)[..., None]
-    numbers = torch.arange(len(views), device=reference.device)[:, None, None]
-
-    def at(below: int, right: int) -> Tensor:
-        return views[numbers, row + below, column + right]
-
-    upper = (1 - across) * at(0, 0) + across * at(0, 1)
-    lower = (1 - across) * at(1, 0) + across * at(1, 1)
-    apart = ((1 - down) * upper + down * lower - reference).abs().sum(dim=-1).clamp(max=TRUNCATED_AT)
+    # From -1 at the first pixel to 1 at the last.
+    places = torch.stack([2 * u / (width - 1) - 1, 2 * v / (height - 1) - 1], dim=-1)
+    pictures = views.permute(0, 3, 1, 2)
+    shown = torch.stack(
+        [torch.nn.functional.grid_sample(pictures, at, padding_mode="border", align_corners=True) for at in places]
+    )
+    apart = (shown - reference.permute(2, 0, 1)).abs().sum(dim=2).clamp(max=TRUNCATED_AT)
     apart = torch.where(lost, UNSEEN_COST, apart)
     means = torch.nn.functional.avg_pool2d(apart, window, stride=1, padding=window // 2, count_include_pad=False)
     return means.sort(dim=1).values[:, :best].mean(dim=1)

@@ -11,17 +11,15 @@ Here: this evidence in one fit, and the comparison of two. Not here: the fits an
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import label, map_coordinates
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.reconstruct.geometry.depth.carrying import DepthCamera
 from gs2ci.reconstruct.geometry.depth.view_depths import in_picture
-from gs2ci.reconstruct.measurement.lens import pixel_centres
-from gs2ci.render.conventions import NEAR
+from gs2ci.reconstruct.measurement.blocks import block_sums
 
 # Two points lie on different surfaces if they are seen at least this far apart from the view that they are carried
 # from: one pixel more is hidden. Closer ones are neighbours on one slanted surface, or an error of the depths.
@@ -94,7 +92,7 @@ def occlusion(
         distortion: Of the lens, [5]; None for a pinhole.
     """
     count, height, width, _ = views.shape
-    camera = _Camera(intrinsics, distortion, (height, width))
+    camera = DepthCamera(intrinsics, distortion, (height, width))
     shown = views.astype(np.float64)
     evidence = np.zeros((height, width))
     pairs = [(one, other) for one in sorted({0, count // 2, count - 1}) for other in range(count) if other != one]
@@ -108,7 +106,7 @@ def occlusion(
         seen = shown[other][hidden]
         evidence[hidden] += np.sum((seen - far) ** 2 - (seen - near) ** 2, axis=-1)
     variance = float(shown.var(axis=(1, 2)).sum(axis=-1).mean()) * height * width * len(pairs)
-    return Occlusion(_by_block(evidence), variance)
+    return Occlusion(block_sums(evidence, _BLOCK_PX), variance)
 
 
 def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
@@ -140,39 +138,11 @@ def things(one: Occlusion, other: Occlusion) -> I64:
 
 def doubted_things(things: I64, doubted: Bool) -> Bool:
     """Return the blocks, [Bh, Bw], of those things of which a part is doubted, pixels [H, W]."""
-    found: Bool = np.isin(things, things[_by_block(doubted.astype(np.float64)) > 0]) & (things > 0)
+    found: Bool = np.isin(things, things[block_sums(doubted.astype(np.float64), _BLOCK_PX) > 0]) & (things > 0)
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Camera:
-    """A camera that carries depth maps from one pose to another."""
-
-    intrinsics: F64
-    distortion: F64 | None
-    size: tuple[int, int]
-
-    def carried(self, depth: F64, moved: F64) -> tuple[F64, F64]:
-        """Carry a depth map, [H, W], to a camera moved by [4, 4]: places there, [H, W, 2] px, and depths there.
-
-        Not a number where there is no depth, or where a point lies behind that camera.
-        """
-        points = self.rays * depth[..., None] @ moved[:3, :3].T + moved[:3, 3]
-        ahead = np.where(points[..., 2] > NEAR, points[..., 2], np.nan)
-        slopes = points[..., :2] / ahead[..., None]
-        bent = slopes if self.distortion is None else distorted(slopes, self.distortion)
-        return pixels_of(bent, self.intrinsics), ahead
-
-    @cached_property
-    def rays(self) -> F64:
-        """Get the points at depth 1 that pixels see, [H, W, 3]."""
-        slopes = slopes_of(pixel_centres(self.size), self.intrinsics)
-        if self.distortion is not None:
-            slopes = undistorted(slopes, self.distortion)
-        return np.concatenate([slopes, np.ones((*self.size, 1))], axis=-1)
-
-
-def _surfaces(depth: F64, moved: F64, camera: _Camera) -> tuple[F64, F64]:
+def _surfaces(depth: F64, moved: F64, camera: DepthCamera) -> tuple[F64, F64]:
     """Return the nearest and the farthest depth that fall on each pixel of a moved camera, [H, W]; NaN for none."""
     height, width = camera.size
     places, depths = camera.carried(np.where(depth > 0, depth, np.nan), moved)
@@ -189,9 +159,3 @@ def _sampled(view: F64, places: F64) -> F64:
     """Sample a view, [H, W, C], at places, [P, 2] px; beyond its border, its border."""
     at = places[:, ::-1].T - 0.5
     return np.stack([map_coordinates(colour, at, order=1, mode="nearest") for colour in np.moveaxis(view, -1, 0)], -1)
-
-
-def _by_block(map_: F64) -> F64:
-    rows, columns = (np.arange(0, length, _BLOCK_PX) for length in map_.shape)
-    found: F64 = np.add.reduceat(np.add.reduceat(map_, rows, axis=0), columns, axis=1)
-    return found

@@ -36,20 +36,16 @@ from gs2ci.reconstruct.geometry.path.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources.direct import MOST_TRIALS, at_rest
-from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
+from gs2ci.reconstruct.measurement.displacements import FIRST_ORDER_PX, BlockDisplacements, displacements, over_blocks
 from gs2ci.reconstruct.measurement.lens import straightened
 
 # Rounds of the regression: twice as many changed those of pans by 3 % at most.
 _ROUNDS: Final = 3
-# Errors of displacements besides their standard errors: so many px, and this share of them, since they are of first
-# order, and fine detail seems to move farther than the rest.
-_FIRST_ORDER_PX: Final = 0.15
+# Displacements err by this share of them, too, since fine detail seems to move farther than the rest.
 _FIRST_ORDER_SHARE: Final = 0.1
 # Inverse depths have a mean of 1 and this standard deviation, and stay in this range: this sets the unit of the path.
 _DEPTH_SPREAD: Final = 0.5
 _DEPTH_RANGE: Final = (0.05, 5.0)
-# Maps of the blocks' depths are smoothed by so many blocks (standard deviation).
-_SMOOTH_BLOCKS: Final = 0.7
 # A block whose displacement is off by more standard errors than this counts less (pseudo-Huber).
 _OUTLIER: Final = 3.0
 # Blocks of a still scene are off by this at most, in the mean over the blocks: 2 to 3.6 for cameras that move, 4 to 18
@@ -99,7 +95,7 @@ class DisplacedBlocks:
     def __init__(self, displaced: BlockDisplacements, slopes: F64, focal_px: F64) -> None:
         self.displaced, self._slopes, self._focal_px = displaced, slopes, focal_px
         count, size = displaced.px.shape
-        vague = _FIRST_ORDER_PX**2 + _FIRST_ORDER_SHARE**2 * np.mean(displaced.px**2, axis=1)
+        vague = FIRST_ORDER_PX**2 + _FIRST_ORDER_SHARE**2 * np.mean(displaced.px**2, axis=1)
         whiten = np.linalg.cholesky(np.linalg.inv(displaced.covariance + vague[:, None, None] * np.eye(size)))
         self._whiten = whiten.swapaxes(1, 2)
         x, y = slopes.T
@@ -161,7 +157,7 @@ class DisplacedBlocks:
         mean = np.median(px, axis=0)
         apart = px - mean
         way = np.linalg.eigh((apart.T * weights) @ apart)[1][:, -1]
-        length = 2 * float(np.sqrt(np.median((apart @ way) ** 2))) + _FIRST_ORDER_PX
+        length = 2 * float(np.sqrt(np.median((apart @ way) ** 2))) + FIRST_ORDER_PX
         return [
             self._start(mean, np.zeros(2)),
             *(self._start(side * length * way, mean - side * length * way) for side in (1, -1)),
@@ -176,9 +172,7 @@ class DisplacedBlocks:
         weight = np.zeros(tuple(-(-side // block_px) for side in size))
         weighted = weight.copy()
         weight[rows, columns], weighted[rows, columns] = precision, precision * motion.inverse_depth
-        smooth, smooth_weighted = (
-            cv2.GaussianBlur(one, (0, 0), _SMOOTH_BLOCKS, borderType=cv2.BORDER_CONSTANT) for one in (weight, weighted)
-        )
+        smooth, smooth_weighted = over_blocks(weight), over_blocks(weighted)
         tight = 1 / _DEPTH_SPREAD**2
         coarse = (smooth_weighted + tight) / (smooth + tight)
         found: F32 = cv2.resize(coarse.astype(np.float32), None, fx=block_px, fy=block_px)

@@ -19,8 +19,6 @@ from gs2ci.reconstruct.measurement.lens import CENTRE_OFFSET
 # Decoded views contain pixel-sized residue of the masks; this blur removes it and preserves corners.
 RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
-_LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
-_PYRAMID_LEVELS = 4
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
 
 
@@ -40,7 +38,8 @@ class TrackSettings(Bounded):
     quality: float = 0.005
     spacing_px: float = 5.0
     forward_backward_px: float = 1.0
-    window_px: Annotated[int, Field(ge=_LEAST_WINDOW_PX, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 21
+    # OpenCV takes no smaller one.
+    window_px: Annotated[int, Field(ge=3, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 21
 
 
 USUAL_TRACKS: Final = TrackSettings()
@@ -187,7 +186,7 @@ def _flow(
     points: F32,
     window_px: int,
     guess: F32 | None = None,
-    pyramid_levels: int = _PYRAMID_LEVELS,
+    pyramid_levels: int = 4,
 ) -> tuple[F32, Bool]:
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
         source,

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.cameras import camera_centres
-from gs2ci.core.lens import distorted, undistorted
+from gs2ci.reconstruct.geometry.depth.carrying import DepthCamera
+from gs2ci.reconstruct.measurement.lens import CENTRE_OFFSET
 from gs2ci.reconstruct.paper.priors2d.base import Question, check_targets
 
 
@@ -45,33 +46,18 @@ class ConsistentDetail:
 
     def _seen_from(self, question: Question, view: int, camera: int) -> F32:
         """Warp a camera's detail into a pseudo-view, [H, W, 3]; NaN if it does not see the same point."""
-        pixels, depth = _project(question, view, question.recovered.world_to_camera[camera])
-        x, y = (np.ascontiguousarray(pixels[..., k], np.float32) for k in (0, 1))
+        shown, pseudo = question.pseudo.depths[view].astype(np.float64), question.pseudo.world_to_camera[view]
+        carrying = DepthCamera(question.intrinsics, question.distortion, (shown.shape[0], shown.shape[1]))
+        moved = question.recovered.world_to_camera[camera] @ np.linalg.inv(pseudo)
+        places, depth = carrying.carried(np.where(shown > 0, shown, np.nan), moved)
+        # OpenCV's first pixel has its centre at 0, ours at 0.5; a place that is none lies outside.
+        x, y = np.nan_to_num(places - CENTRE_OFFSET, nan=-2.0).astype(np.float32).transpose(2, 0, 1).copy()
         border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
         found = cv2.remap(question.recovered.depths[camera], x, y, cv2.INTER_NEAREST, **border)
         detail: F32 = cv2.remap(question.details[camera], x, y, cv2.INTER_LINEAR, **border)
         # Depth 0, outside or where no light is stopped, never agrees; NaN compares as False.
         same: Bool = np.abs(found - depth) < self.depth_tolerance * depth
         return np.where(same[..., None], detail, np.float32(np.nan))
-
-
-def _project(question: Question, view: int, camera_from_world: F64) -> tuple[F64, F64]:
-    """Find the array coordinates, [H, W, 2], and depths, [H, W], of a pseudo-view's points in a camera; NaN if none."""
-    pseudo, intrinsics, distortion = question.pseudo, question.intrinsics, question.distortion
-    depth = pseudo.depths[view].astype(np.float64)
-    height, width = depth.shape
-    y, x = np.mgrid[:height, :width] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(intrinsics).T
-    if distortion is not None:
-        rays[..., :2] = undistorted(rays[..., :2], distortion)
-    camera_from_view = camera_from_world @ np.linalg.inv(pseudo.world_to_camera[view])
-    points = (rays * depth[..., None]) @ camera_from_view[:3, :3].T + camera_from_view[:3, 3]
-    there = np.where((depth > 0) & (points[..., 2] > 0), points[..., 2], np.nan)
-    if distortion is not None:
-        points[..., :2] = distorted(points[..., :2] / there[..., None], distortion) * there[..., None]
-    # OpenCV's first pixel has its centre at 0, ours at 0.5.
-    pixels: F64 = (points @ intrinsics.T)[..., :2] / there[..., None] - 0.5
-    return np.nan_to_num(pixels, nan=-2.0, posinf=-2.0, neginf=-2.0), there
 
 
 def _median(details: F32) -> F32:

@@ -63,8 +63,7 @@ def _move_gaussians(means: Tensor, *others: Any) -> None:
 def _distance_to_surface(
     image: Tensor, pixels: Tensor, inverse_depth: Tensor, trust: Tensor, *numbers_and_gradient: Any
 ) -> Tensor:
-    all_trust = image.new_empty(1, dtype=torch.float64)
-    _LAUNCHES["sum_trust"](1, pixels, trust, all_trust)
+    all_trust = trust[pixels].sum(0, keepdim=True, dtype=torch.float64).clamp(min=1)
     return _sum("sum_distances", pixels, image, pixels, inverse_depth, trust, all_trust, *numbers_and_gradient)
 
 

@@ -277,18 +277,6 @@ def add_mean_gradient(
 
 
 @wp.kernel(module="unique", module_options=TILED)
-def sum_trust(pixels: wp.array(dtype=wp.int64), trust: Floats, sums: Doubles):
-    """Sum the weights of the term's pixels by one block; 1 at least."""
-    _block, lane = wp.tid()
-    total = float64(0.0)
-    for i in range(lane, pixels.shape[0], wp.block_dim()):
-        total += float64(trust[int(pixels[i])])
-    all_of_it = sum_of_block(total)
-    if lane == 0:
-        sums[0] = wp.max(all_of_it, _1)
-
-
-@wp.kernel(module="unique", module_options=TILED)
 def sum_distances(
     image: Vectors,
     pixels: wp.array(dtype=wp.int64),
@@ -327,7 +315,7 @@ def sum_distances(
 BY_ELEMENTS: Final[tuple[Any, ...]] = (
     *(adam_step, gradient_in_view, move_in_view, move_gaussians, find_changes, parallax_moments, add_mean_gradient),
 )
-BY_BLOCKS: Final[tuple[Any, ...]] = (sum_values, sum_at_knots, sum_trust, sum_distances)
+BY_BLOCKS: Final[tuple[Any, ...]] = (sum_values, sum_at_knots, sum_distances)
 """By how they are launched: a thread for each element, or `SUMMED` threads for each sum."""
 ALL: Final = (*BY_ELEMENTS, *BY_BLOCKS)
 """For counts and for compiling in advance."""
