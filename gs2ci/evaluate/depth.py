@@ -90,10 +90,11 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
     both = wanted & _known_pixels(estimate)
     if not both.any():
         return None
-    true, found = truth[both].astype(np.float64), estimate[both].astype(np.float64)
-    known, varied = float(both.sum() / wanted.sum()), np.ptp(true) > 0 and np.ptp(found) > 0
+    pair, known = (estimate[both], truth[both]), float(both.sum() / wanted.sum())
     del wanted, both  # what is as long as the pixels of many exposures goes when it has done its part
-    rank = rank_correlation(found, true) if varied else None
+    rank = rank_correlation(*pair) if all(np.ptp(one) > 0 for one in pair) else None
+    found, true = (one.astype(np.float64) for one in pair)
+    del pair
     off_px = None if parallax is None or not np.ptp(true) else parallax * inverse_depth_errors(found, true)
     of_px = (None, None) if off_px is None else (float(np.median(off_px)), float(np.mean(off_px > FAR_OFF_PX)))
     del off_px
