@@ -31,5 +31,5 @@ def built_in_names() -> dict[str, tuple[str, ...]]:
         "gs2ci.density_rules": RULE_NAMES,
         DECODER_GROUP: DECODE_METHODS,
         "gs2ci.priors": ("consistent", "nlm", "none", "difix"),
-        "gs2ci.geometry": ("tracks", "stage", "wide", "displacements", "uniform", "rest", "auto", "vggt"),
+        "gs2ci.geometry": ("tracks", "stage", "wide", "displacements", "rest", "auto", "vggt"),
     }

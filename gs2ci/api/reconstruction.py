@@ -82,12 +82,11 @@ def reconstruct(
         geometry: Source of the first poses: "tracks" estimates them from the decoded views, "stage" uses those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
             "vggt:FILE") those that your model predicts, "wide" matches points between all pairs of views, in any
-            order, "displacements" explains how far blocks of the picture move, "uniform" searches for a uniform motion
-            without tracks, "rest" takes the camera to be at rest; "auto" takes it to be at rest if the measurement
-            shows so, otherwise it uses the stage's poses if there are any and the measurement does not contradict
-            them, otherwise tracks, or displacements if tracks show no path or a doubtful one, then "wide", then a
-            uniform motion; "vggt-or-tracks" uses VGGT's if you have added the model, otherwise tracks. The fit refines
-            them, but not those of a camera at rest. "auto" unless the preset says otherwise.
+            order, "displacements" explains how far blocks of the picture move, "rest" takes the camera to be at rest;
+            "auto" takes it to be at rest if the measurement shows so, otherwise it uses the stage's poses if there are
+            any and the measurement does not contradict them, otherwise tracks, or displacements if tracks show no path
+            or a doubtful one, then "wide"; "vggt-or-tracks" uses VGGT's if you have added the model, otherwise tracks.
+            The fit refines them, but not those of a camera at rest. "auto" unless the preset says otherwise.
         proxy: The views from which the geometry is estimated: "gap-tv" for the decoded ones (unless the preset says
             otherwise), the paper's proxies "eni" or "amdi", "routed", which chooses one of these two by the masks, or
             "naive", the masked measurement, for comparison.

@@ -186,7 +186,6 @@ class Code(StrEnum):
     MOTION_AROUND = auto()
     MOTION_OR_CAMERA = auto()
     MOTION_NOT_TAKEN = auto()
-    SCENE_NOT_FOLLOWING = auto()
     VIEWS_POLISHED = auto()
 
     # Depth order.
@@ -209,8 +208,6 @@ class Code(StrEnum):
     WIDE_MOTION = auto()
     VIEWS_JOIN_IN_PART = auto()
     PATH_BY_DISPLACEMENTS = auto()
-    UNIFORM_MOTION = auto()
-    UNIFORM_TURN = auto()
     PATH_FOUND_AGAIN = auto()
     PATH_FOUND_IN_FIT = auto()
     PROXIES_CHOSEN = auto()

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, rms_of
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.ranks import rank_correlation
@@ -102,7 +102,7 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
     found *= scale
     close = float(np.mean((found < _CLOSE_RATIO * true) & (true < _CLOSE_RATIO * found)))
     found -= true
-    rms = float(np.sqrt(found @ found / len(found)))
+    rms = rms_of(found)
     relative = np.divide(np.abs(found, out=found), true, out=found)
     return DepthErrors(scale, float(np.mean(relative)), float(np.median(relative)), rms, close, known, rank, *of_px)
 

@@ -22,7 +22,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
-from gs2ci.evaluate.evaluation import FinishedRun
+from gs2ci.evaluate.pages.run_evidence import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.uncertainty.depths import movement
@@ -36,13 +36,11 @@ _UNTRACKED: Final = 4.0
 _AGAINST_DEPTH: Final = (
     Code.PATH_UNCERTAIN,
     Code.PATH_UNCONFIRMED,
-    Code.UNIFORM_MOTION,
     Code.DEPTH_ORDER_OPEN,
     Code.DEPTH_ORDER_LIKELY,
     Code.DEPTH_ORDER_UNTRIED,
     Code.DEPTH_IN_NOISE,
     Code.VGGT_DEPTH_TAKEN,
-    Code.SCENE_NOT_FOLLOWING,
     Code.FOCAL_ASSUMED,
 )
 """Findings that say not to rely on depth."""

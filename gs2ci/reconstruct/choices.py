@@ -10,7 +10,7 @@ from typing import Final, Literal, get_args
 PresetName = Literal["draft", "standard", "paper"]
 
 PoseSource = str
-"""auto, tracks, stage, wide, displacements, uniform, rest, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
+"""auto, tracks, stage, wide, displacements, rest, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
 ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
 """Decoded views; the masked measurement; the paper's proxies by name; or the one that the masks call for."""
@@ -64,16 +64,13 @@ class LeftOut(StrEnum):
     DECODE_WEIGHS_NOISE = "decode weighs noise"
     DENSE_POLISH = "dense polish"
     DISPLACEMENTS = "displacements"
-    ERRORS_OVER_TIME = "errors over time"
     MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
     OCCLUSION = "occlusion"
     PATCH_TEST_OF_MOTION = "patch test of motion"
     REPEATS_DECODED_TOGETHER = "repeats decoded together"
-    REST_AS_RIVAL = "rest as rival"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"
     TRACKS_SOUGHT_TWICE = "tracks sought twice"
-    UNIFORM_MOTION = "uniform motion"
     WIDE_MATCHES = "wide matches"
 
 

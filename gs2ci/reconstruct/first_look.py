@@ -181,7 +181,7 @@ def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
     If the camera was found at rest, only things may have moved, and further tracks would be those of the things.
     """
     geometry = first.geometry
-    by_tracks = geometry.source in (PathSource.TRACKS, PathSource.UNIFORM) and settings.proxy == "gap-tv"
+    by_tracks = geometry.source == PathSource.TRACKS and settings.proxy == "gap-tv"
     return by_tracks and Decoder(settings.first_look) == Decoder.GAP_TV and geometry.verdict == Verdict.ROTATION_ONLY
 
 

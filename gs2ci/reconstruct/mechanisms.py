@@ -65,7 +65,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "sources-of-geometry": {
         LeftOut.TRACKS_SOUGHT_TWICE: "tracks are sought again where a rough depth map predicts them",
         LeftOut.ADJUSTMENT_OF_POINTS: "points may leave the rays of their corners in a second bundle adjustment",
-        LeftOut.UNIFORM_MOTION: "the uniform motion that explains the measurement best, where nothing can be tracked",
     },
     "small-motions": {
         LeftOut.REST_FROM_THE_MEASUREMENT: "a camera at rest is recognised in the measurement before any decode",
@@ -80,14 +79,12 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     },
     "path-from-fits": {
         LeftOut.SECOND_LOOK: "a doubtful or missing path is estimated again from the views of a fit",
-        LeftOut.REST_AS_RIVAL: "a uniform motion without tracks competes with a camera at rest",
     },
     "moving-scenes": {
         LeftOut.PATCH_TEST_OF_MOTION: "before moving scenes are fitted, four steps of patches must explain more",
         LeftOut.DENSE_POLISH: "refined views of scenes in which things may move are decoded on by dense patches",
     },
     "combination": {
-        LeftOut.ERRORS_OVER_TIME: "views that surely err over time are replaced by those of the decode",
         LeftOut.CANCELLING_ERRORS: "where patches explained much, errors of scenes are taken to cancel along the views",
     },
     "residual-and-polish": {

@@ -26,7 +26,6 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
 from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
-from gs2ci.reconstruct.hypotheses.rest import needs_rest
 from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
@@ -135,13 +134,9 @@ def observe(
     first = (look_closer if settings.may_look_again else look)(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
-    partly = joins_in_part(first)
     matches = settings.may_look_again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
-    if matches and (partly or (settings.poses == "auto" and needs_rest(first))):
-        # A motion without tracks explains the measurement so far that weights corrected along it are better than those
-        # given.
-        weighted = holdout if partly else first.holdout
-        first = look_far_apart(first, weighted, lens, settings, progress, clock.lap) or first
+    if matches and joins_in_part(first):
+        first = look_far_apart(first, holdout, lens, settings, progress, clock.lap) or first
     fits = _fits(first, lens, settings, progress, clock, score, halt)
     first, order = fits.order_of(first)
     fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))

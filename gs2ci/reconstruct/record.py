@@ -132,7 +132,6 @@ def _notes(left: Left, settings: Settings, moved: Moved) -> tuple[Finding, ...]:
             *left.look.notes,
             *(() if left.mask_moments is None else (left.mask_moments.note,)),
             *geometry.notes,
-            *geometry.path_notes,
             *joined_findings(geometry),
             *order_findings(left.raced.order, geometry),
             *course_findings(left.raced.course, dict(left.raced.motion.heldout_rms)),

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 GUESSED_OPEN_SHARE: Final = 0.5
 """Without any figure of the light, it is assumed that a pixel with this share of the masks open fills the range."""
+GUESSED: Final = "guessed"
 
 FORGOTTEN_S: Final = 30.0
 """A continuous capture deletes the history of the simulated world that is older than this."""
@@ -253,7 +254,7 @@ def _scale_dn(table: RigTable, plan: CapturePlan, top: int) -> tuple[float, str]
         charge_e = optics.full_scale_e_per_s * plan.sequence.exposure_s
         return charge_e / sensor.electrons_per_dn, "full_scale_e_per_s in [optics], electrons_per_dn in [sensor]"
     views = max(1.0, GUESSED_OPEN_SHARE * plan.sequence.count)
-    return (top - sensor.black_level_dn) / views, "guessed: the sensor's range over half the masks"
+    return (top - sensor.black_level_dn) / views, f"{GUESSED}: the sensor's range over half the masks"
 
 
 def saturation_of(table: RigTable, top: int) -> float:
@@ -369,6 +370,8 @@ class _Recorder:
             "attempts": taken.attempts,
             "taken_at": datetime.fromtimestamp((frame.t_host_ns + self._epoch_ns) / 1e9, UTC).isoformat(),
         }
+        scale = _scale_dn(self._rig.table, plan, self._devices.sensor.settings.format.top)[1]
+        origin["unit_stated"] = not scale.startswith(GUESSED)
         if self._rig.table.metadata:
             origin["metadata"] = dict(self._rig.table.metadata)
         if plan.settings.mode is Mode.PER_MASK:

@@ -65,7 +65,6 @@ BENCHMARKS = (
     "depth",
     "lengths",
     "reliability",
-    "direct",
     "displaced",
     "depth_order",
     "order_likely",

@@ -48,10 +48,9 @@ def modules() -> list[tuple[Any, int]]:
 
     from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
     from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
-    from gs2ci.reconstruct.geometry.depth import device_paths  # noqa: PLC0415
     from gs2ci.render.warp import blend, lists, project, stopping  # noqa: PLC0415
 
-    whole = (blend, lists, project, stopping, kernels, device_loss_kernels, device_paths)
+    whole = (blend, lists, project, stopping, kernels, device_loss_kernels)
     plain = [(wp.get_module(one.__name__), 256) for one in whole]
     return [(kernel.module, threads) for kernel, threads in launched_by_blocks()] + plain
 
@@ -75,12 +74,13 @@ def launched_by_blocks() -> list[tuple[Any, int]]:
     from gs2ci.reconstruct.decode.patches import device_groups  # noqa: PLC0415  an extra
     from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
     from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
+    from gs2ci.reconstruct.geometry.depth import device_paths  # noqa: PLC0415
     from gs2ci.render.warp import blend, project  # noqa: PLC0415
     from gs2ci.render.warp.types import BLOCK  # noqa: PLC0415
 
     of_fit = [one for one in (*kernels.ALL, *device_loss_kernels.ALL) if one.module.name != one.func.__module__]
     tiled = [(blend.blend, BLOCK), (blend.blend_backward, BLOCK), (project.sum_poses, 256)]
-    tiled += [(one, device_groups.THREADS) for one in device_groups.ALL]
+    tiled += [(one, module.THREADS) for module in (device_groups, device_paths) for one in module.ALL]
     return tiled + [(one, int(kernels.SUMMED)) for one in of_fit]
 
 

@@ -119,7 +119,7 @@ def test_a_damaged_exposure_becomes_a_row_with_its_error(damaged):
 
 
 def test_results_depend_on_every_override(gs2ci, files, asked):
-    for more in ([], ["--focal-px", "50"], ["--preset", "draft"], ["--geometry", "uniform"]):
+    for more in ([], ["--focal-px", "50"], ["--preset", "draft"], ["--geometry", "wide"]):
         gs2ci("reconstruct", files[0], "--all", *more)
     assert len({options["depends_on"] for _, _, options in asked}) == 4
 

@@ -81,7 +81,6 @@ ABOUT_DEPTH = (
     Code.CAMERA_GIVEN_AT_REST,
     Code.CAMERA_ONLY_TURNED,
     Code.PARALLAX_MAY_DROWN,
-    Code.UNIFORM_TURN,
     Code.DEPTH_STARTS_AS_PLANE,
 )
 # Who says one of these does not claim to know near from far.

@@ -22,8 +22,8 @@ def test_a_first_geometry_is_measured_against_the_truth(variant):
     assert row["rpe_r_deg"] >= 0
     assert (row["depth_rank"] is None) == (row["verdict"] != "full")
     assert row["failure"] == "" or row["depth_rank"] is None or "exchanged" in row["failure"]
-    assert row["source"] in ("tracks", "uniform")
-    assert (row["path_error_expected"] is None) == (row["source"] == "uniform" or row["verdict"] != "full")
+    assert row["source"] == "tracks"
+    assert (row["path_error_expected"] is None) == (row["verdict"] != "full")
 
 
 def brief(_variant, seed):

@@ -18,11 +18,25 @@ from gs2ci_drivers.failures import DeviceFaultError, RefusedError
 from gs2ci_drivers.genicam.nodes import GAINS, Features, in_decibels
 from gs2ci_drivers.ports import Feature, FeatureValue
 
+DEBOUNCERS: Final = (
+    "LineDebouncerTime",
+    "LineDebouncerTimeAbs",
+    "LineDebouncerHighTimeAbs",
+    "LineDebouncerLowTimeAbs",
+    "BslInputFilterTime",
+)
+"""Times for which a line's level has to last before it counts, chosen by LineSelector: a trigger acts later by as much,
+and one that is shorter is lost (docs.baslerweb.com/line-debouncer and /input-filter; Baumer VLXT manual, Debouncer)."""
+SHUTTERS: Final = ("SensorShutterMode", "ShutterMode")
+ALL_ROWS_AT_ONCE: Final = ("Global", "GlobalReset", "GlobalResetRelease")
+"""Shutters under which all rows see all masks, the best first (SFNC 2.7, SensorShutterMode; docs.baslerweb.com,
+Sensor Shutter Mode): after a global reset rows end one after the other, in the dark behind the last mask."""
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
 NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "SequencerMode": "Off",
     "TriggerDivider": 1,
     "TriggerMultiplier": 1,
+    **dict.fromkeys(DEBOUNCERS, 0.0),
     "ImageCompressionMode": "Off",
     "BinningHorizontal": 1,
     "BinningVertical": 1,
@@ -122,6 +136,7 @@ class Leftovers:
             if name not in self._requested and TOGETHER.get(name) not in self._requested:
                 self._set(name, neutral)
         self._reset_gains()
+        self._open_all_rows()
         self._name_switches(listed)
 
     def _set(self, name: str, neutral: FeatureValue) -> None:
@@ -134,7 +149,8 @@ class Leftovers:
             neutral = min(max(float(neutral), found.low), found.high)
         for entry in self._entries(found):
             left = self._features.read(name)
-            if _same(left, neutral, found):
+            # Of a range of 20 ms, ten microseconds are nothing, and of a trigger pulse all.
+            if left == neutral or (name not in DEBOUNCERS and _same(left, neutral, found)):
                 continue
             label = f"{name}[{entry}]" if entry else name
             in_force = self._features.write(name, int(neutral) if found.kind == "integer" else neutral)
@@ -160,6 +176,21 @@ class Leftovers:
         if decibels is None:  # no camera has a factor of 0
             decibels = gain.low <= 0
         self._set(name, 0.0 if decibels else 1.0)
+
+    def _open_all_rows(self) -> None:
+        """Choose a shutter under which all rows see all masks; note a rolling one."""
+        found = self._features.first(SHUTTERS)
+        if found is None or found[0] in self._requested or not found[1].readable:
+            return
+        name, shutter = found
+        best = next((one for one in ALL_ROWS_AT_ONCE if one in shutter.symbols), None)
+        if best is not None:
+            self._set(name, best)
+        if str(self._features.read(name)).startswith("Rolling"):
+            self._notes.append(
+                f"{self._device}: {name} is Rolling: rows are exposed one after the other, so that masks at both ends "
+                "of an exposure reach only some of them; make the exposure longer than the masks by the readout time"
+            )
 
     def _name_switches(self, listed: list[tuple[str, str]]) -> None:
         """Note the switches that are on, and of which nothing is known here."""

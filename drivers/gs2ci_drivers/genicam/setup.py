@@ -12,7 +12,7 @@ from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
-from gs2ci_drivers.genicam.leftovers import Leftovers
+from gs2ci_drivers.genicam.leftovers import DEBOUNCERS, Leftovers
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.ports import CameraIdentity, Feature
@@ -195,7 +195,22 @@ class GenicamSetup:
                 asked="configure",
                 remedy="leave trigger_delay_s in [sensor] out",
             )
+        self._set_delay_s += self._debounced_s()
         features.write("TriggerMode", "On")
+
+    def _debounced_s(self) -> float:
+        """Return how much later an edge of the trigger line acts, because its level has to last."""
+        features, line = self._features, self._options.trigger_line
+        found = features.first(DEBOUNCERS)
+        if found is None or not found[1].readable:
+            return 0.0
+        if not features.has("LineSelector", line):
+            return seconds_per_unit(self._device, *found) * float(features.read(found[0]))
+        before = features.read("LineSelector")
+        features.write("LineSelector", line)
+        lasting = float(features.read(found[0]))
+        features.write("LineSelector", before)
+        return seconds_per_unit(self._device, *found) * lasting
 
     def _stop_triggers(self) -> None:
         """Switch every trigger off: some lock other features while they are on, others would block the camera."""

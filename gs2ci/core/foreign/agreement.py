@@ -21,9 +21,10 @@ from gs2ci.core.records import CFA_PATTERNS, CfaPattern
 
 # Below so many pixels such correlations come about by chance.
 ENOUGH_PIXELS: Final = 400
-# Relative residuals of Σ M X against the measurement.
+# Relative residual of Σ M X against the measurement.
 EXPLAINED: Final = 0.1
-UNEXPLAINED: Final = 0.3
+# A reading without light is one if what the truth leaves is less than this share with it.
+_BY_AN_OFFSET: Final = 0.5
 # Behind closed masks, more readings than this at or below 0 contradict an offset.
 _NONE_AT_ZERO: Final = 0.2
 # How close a fitted scale must come to a usual one to be taken for it.
@@ -195,7 +196,16 @@ def check_truth(
     Raises:
         InputError: The truth explains the measurement only with the masks in reversed order.
     """
-    scale, residual = fit(measurement, coding.forward(views, cfa))
+    model = coding.forward(views, cfa)
+    scale, residual = fit(measurement, model)
+    above = float(measurement.mean()) - _slope(measurement, model) * float(model.mean())
+    lifted, beside = fit(measurement - above, model)
+    if beside * float(np.linalg.norm(measurement - above)) < _BY_AN_OFFSET * residual * np.linalg.norm(measurement):
+        guesses.append(
+            f"WARNING: {truth.where}: the true views explain the measurement above a reading of {above:.6g} without "
+            f"light (residual {beside:.2g}, without it {residual:.2g}): give --offset, {above:.6g} above the present"
+        )
+        scale, residual = lifted, beside
     _, reverse = fit(measurement, coding.reversed().forward(views, cfa))
     if reverse < EXPLAINED and reverse < 0.2 * residual:
         raise InputError(
@@ -206,10 +216,19 @@ def check_truth(
         )
     if residual < EXPLAINED and scale > 0:
         guesses.append(f"truth: explains the measurement to {residual:.2g} (relative)")
-        return Scale(_snapped(scale, len(views)), "from the truth")
-    word = "WARNING: the truth does not explain" if residual > UNEXPLAINED else "truth: explains only roughly"
-    guesses.append(f"{word} the measurement (relative residual {residual:.2f})")
+        return Scale(_snapped(scale, len(views)), "from the truth", stated=True)
+    even = np.broadcast_to(views.mean(axis=(1, 2), keepdims=True), views.shape)
+    _, grey = fit(measurement, coding.forward(even, cfa))
+    word = "WARNING: the truth does not explain" if residual >= grey else "truth: explains only roughly"
+    guesses.append(f"{word} the measurement (relative residual {residual:.2f}, of even views {grey:.2f})")
     return None
+
+
+def _slope(measurement: F64, model: F64) -> float:
+    """Return by how much a measurement grows with a model of its shape, whatever lies below both."""
+    varied = model - model.mean()
+    energy = float((varied**2).sum())
+    return float((varied * measurement).sum()) / energy if energy > 0 else 0.0
 
 
 def _snapped(scale: float, views: int) -> float:

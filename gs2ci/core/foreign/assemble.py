@@ -115,7 +115,7 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
     true_poses, telemetry = work.true_poses(), work.poses("telemetry")
     return [
         Shot(
-            measurement=(reading / full).astype(np.float32),
+            measurement=(reading / full.value).astype(np.float32),
             masks=coding.masks,
             weights=coding.weights,
             cfa=cfa,
@@ -205,7 +205,7 @@ class _Import:
             remedy="name the filter array of a mosaic with --cfa, or leave the truth out with --truth-key none",
         )
 
-    def full_scale(self, views: F32 | None, cfa: CfaPattern | None, traced: PatternTrace | None) -> float:
+    def full_scale(self, views: F32 | None, cfa: CfaPattern | None, traced: PatternTrace | None) -> scale.Scale:
         """Get the reading of a white scene under one open mask: said, from the truth, or guessed.
 
         Where the masks' pattern shows elsewhere, the scale is that under masks that lie there; and readings that no
@@ -224,14 +224,14 @@ class _Import:
             )
             doubt = "" if chosen.explains else "WARNING: "
             self.guesses.append(f"{doubt}measurement: full scale of one view = {chosen.value:.6g} ({chosen.reason})")
-            return chosen.value
+            return chosen
         if not (np.isfinite(said) and said > 0):
             raise InputError(
                 f"--scale {said}", allowed="a number > 0, the reading of a white scene under one open mask"
             )
         if proven is not None and abs(proven.value / said - 1) > agreement.SNAP:
             self.guesses.append(f"WARNING: the truth asks for --scale {proven.value:.6g}, not {said:.6g}")
-        return said
+        return scale.Scale(said, "stated", stated=True)
 
     def intrinsics(self) -> F64 | None:
         """Get the camera matrix: said, or from the file."""
@@ -271,12 +271,13 @@ class _Import:
         self.guesses.append(f"{given.where}: {'poses of the stage' if role == 'telemetry' else 'true poses'}")
         return self._stack_of_poses(given, camera_to_world=role == "camera_to_world")
 
-    def provenance(self, index: int, full_scale: float) -> dict[str, Any]:
+    def provenance(self, index: int, full: scale.Scale) -> dict[str, Any]:
         """Say where a shot came from and what was guessed."""
         return {
             "source": self.found.container.path.name,
             "measurement": index,
-            "full_scale": full_scale,
+            "full_scale": full.value,
+            "unit_stated": full.stated,
             "offset": self.options.offset or 0.0,
             "guesses": list(self.guesses),
             "undone": self.settled.undone,

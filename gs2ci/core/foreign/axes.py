@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.colours import COLOURS
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.options import ImportOptions, Layout, MaskAxis
 
@@ -63,6 +64,7 @@ def arrange(
     Raises:
         InputError: No order of axes fits, or several do.
     """
+    measurement = _without_opacity(measurement, guesses)
     stack = _without_colour(masks)
     pairs = _fitting(measurement.values.shape, stack.shape, options)
     if not pairs and 1 in measurement.values.shape + masks.values.shape:
@@ -90,12 +92,12 @@ def arrange(
     (m, k) = pairs[0]
     if any(other.order != m.order for other, _ in pairs):
         shape = list(measurement.values.shape)
-        if m.of("K") == 1:
+        if m.of("K") == 1 and m.of("C") == 3:
             guesses.append(
                 f"{measurement.where}: {shape} taken as one colour measurement; "
                 "if the three are separate measurements, say --meas-layout stack"
             )
-        else:
+        elif m.of("K") > 1:
             guesses.append(
                 f"{measurement.where}: {shape} taken as [{', '.join(m.order)}], K measurements of C colours; "
                 "where that is wrong, save them as [K, H, W, C]"
@@ -111,6 +113,23 @@ def _fitting(shape: tuple[int, ...], masks: tuple[int, ...], options: ImportOpti
         for k in _readings(masks, _MASK_ORDERS)
         if m.size == k.size and _allowed(m, k, options.mask_axis, options.meas_layout)
     ]
+
+
+def _without_opacity(measurement: Array, guesses: list[str]) -> Array:
+    """Drop the fourth plane of a colour picture that says everywhere that it is opaque."""
+    values = measurement.values
+    for axis in (2, 0) if values.ndim == 3 else ():
+        if values.shape[axis] != COLOURS + 1:
+            continue
+        fourth = values.take(COLOURS, axis)
+        opaque = float(np.iinfo(values.dtype).max) if values.dtype.kind in "ui" else 1.0
+        if (fourth == opaque).all() and not (values.take(COLOURS - 1, axis) == opaque).all():
+            guesses.append(
+                f"{measurement.where}: the fourth plane of {list(values.shape)} is {opaque:g} everywhere, as the "
+                "opacity of a colour picture is: left out"
+            )
+            return Array(measurement.where, values.take(range(COLOURS), axis))
+    return measurement
 
 
 def _without_ones(given: Array) -> Array:

@@ -22,6 +22,8 @@ FITS_NOT: Final = 0.1
 # Of that many standard deviations of chance, the largest of 100,000 places has hardly 5.
 _CHANCE: Final = 8.0
 _REACH_PX: Final = 64
+# Beyond so many times its typical size, fine pattern is of a lamp or a glint, and must not outweigh all others.
+_GLARING: Final = 8.0
 # Halves of a pixel show in the places beside the peak.
 _OFF_PX: Final = 0.1
 
@@ -90,7 +92,7 @@ class PatternTrace:
 
 def trace(image: F64, multiplicity: F64) -> PatternTrace:
     """Find the trace of the sum of masks, [H, W], in a measurement, [H, W]."""
-    seen, known = _fine(image), _fine(multiplicity)
+    seen, known = _without_glare(_fine(image)), _fine(multiplicity)
     norm = float(np.linalg.norm(seen) * np.linalg.norm(known))
     if norm == 0:
         return PatternTrace("", 0.0, 0.0, 0.0, 0.0, np.inf)
@@ -127,6 +129,13 @@ def _peak_offset(line: F64, peak: int) -> float:
         return 0.0
     before, top, after = (max(float(line[peak + step]), 0.0) for step in (-1, 0, 1))
     return (after - before) / max(before + top + after, 1e-300)
+
+
+def _without_glare(fine: F64) -> F64:
+    """Return the fine pattern with what lamps and glints stand out by limited."""
+    size = np.abs(fine)
+    typical = float(np.median(size[size > 0])) if size.any() else 0.0
+    return np.clip(fine, -_GLARING * typical, _GLARING * typical)
 
 
 def _fine(image: F64) -> F64:

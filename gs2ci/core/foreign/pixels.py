@@ -50,12 +50,12 @@ def mend(
         return readings
     if how == "refuse" or count > MOST_BAD * bad[..., 0].size:
         row, column = np.argwhere(bad.any(axis=(0, 3)))[0].tolist()
-        refused = how == "refuse"
+        mendable = count <= MOST_BAD * bad[..., 0].size
         raise InputError(
             f"{measurement.where}: {count} pixels are NaN, infinite or far too large, "
             f"the first at row {row}, column {column}",
             allowed=f"finite readings, or with --bad-pixels median up to {MOST_BAD:.0%} bad ones",
-            remedy="say --bad-pixels median to replace them" if refused else "mend the measurement before saving",
+            remedy="say --bad-pixels median to replace them" if mendable else "mend the measurement before saving",
         )
     guesses.append(f"{count} bad pixels replaced: median of their neighbours per open mask")
     mended = readings.copy()

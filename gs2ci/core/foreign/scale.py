@@ -36,15 +36,25 @@ FAIRLY_EXPOSED: Final = 0.2
 # Calibrated masks may overshoot 1 by noise; beyond this they are in another unit.
 MASK_OVERSHOOT: Final = 1.05
 _MISPLACED: Final = 6.0
+# Lamps and glints are a smaller share of true views than the rest of this.
+_ALL_BUT_LAMPS: Final = 0.98
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The full scale of one view in the file's unit, how it was found, and whether it explains the readings."""
+    """The full scale of one view in the file's unit.
+
+    Args:
+        value: A reading.
+        reason: How it was found.
+        explains: Whether it explains the readings.
+        stated: Whether the user or the truth states it, so that a scene that is dark in it is dark.
+    """
 
     value: float
     reason: str
     explains: bool = True
+    stated: bool = False
 
 
 def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: list[str]) -> F32:
@@ -125,7 +135,9 @@ def scale_views(truth: Array, views: NDArray[Any], guesses: list[str]) -> F32:
             remedy="mend them, or say --truth-key none",
         )
     low, high = float(views.min()), float(views.max())
-    full = smallest_full_scale(high)
+    # Counts are whole numbers: what is brighter than white among others is a lamp.
+    whole = views.dtype.kind in "ui" or bool((views == np.rint(views)).all())
+    full = smallest_full_scale(high if whole else float(np.quantile(views, _ALL_BUT_LAMPS)))
     if low < -DARK * full or full == 0:
         raise InputError(
             f"{truth.where}: true views reach from {low:.4g} to {high:.4g}",

@@ -128,5 +128,5 @@ def look_at_it(report: Report) -> NextStep | None:
 
 
 def _path_is_uncertain(report: Report) -> bool:
-    """Return whether the run doubts its path, or has one that neither tracked points nor a stage confirm."""
-    return report.found(Code.PATH_UNCERTAIN) is not None or report.found(Code.UNIFORM_MOTION) is not None
+    """Return whether the run doubts its path."""
+    return report.found(Code.PATH_UNCERTAIN) is not None

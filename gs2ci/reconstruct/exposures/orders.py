@@ -14,7 +14,7 @@ from typing import Final
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.exposures.pairs import Pair, tie_pair
-from gs2ci.reconstruct.exposures.pictures import MeanPicture, has_depth, pictures_of
+from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import turned
@@ -30,7 +30,7 @@ Pairs = dict[tuple[int, int], Pair]
 def is_open(geometry: Geometry) -> bool:
     """Tell whether an exposure may have its order of depth wrong: estimated, and its tracks are not sure."""
     sure = geometry.order_errors is not None and geometry.order_errors >= Criteria().order_errors
-    return has_depth(geometry) and geometry.is_estimated and not geometry.order_given and not sure
+    return geometry.has_path and geometry.is_estimated and not geometry.order_given and not sure
 
 
 def turn_the_wrong(

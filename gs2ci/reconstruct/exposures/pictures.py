@@ -71,11 +71,6 @@ def depths_of(geometry: Geometry) -> tuple[ViewDepth, ...]:
     return geometry.view_depths or (ViewDepth(geometry.reference, geometry.inverse_depth),)
 
 
-def has_depth(geometry: Geometry) -> bool:
-    """Tell whether a geometry has depths that its own views show: a path, and not one of uniform motion."""
-    return geometry.has_path and not geometry.is_uniform
-
-
 def pictures_of(views: F32, geometry: Geometry) -> tuple[MeanPicture, ...]:
     """Make a picture at each view whose depth is known.
 
@@ -84,7 +79,7 @@ def pictures_of(views: F32, geometry: Geometry) -> tuple[MeanPicture, ...]:
         geometry: Of the exposure; a plane if it has no depth.
     """
     views, poses = brightened(views), geometry.world_to_camera
-    far, error = turns_far(poses), _DEPTH_ERROR if has_depth(geometry) else _PLANE_ERROR
+    far, error = turns_far(poses), _DEPTH_ERROR if geometry.has_path else _PLANE_ERROR
     found = []
     for depth in depths_of(geometry):
         likeness = poses[:, 2, :3] @ poses[depth.view, 2, :3]

@@ -12,12 +12,10 @@ that the tracks do not contradict: a source is replaced by a later one only if t
 smaller. A stage's poses that tracks bear out stand, and no other source is asked. The stage comes first, since blur and
 noise of the picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the
 parallax is as small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m
-tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`); if
-these give none either, or the tracks' path is doubtful, a uniform motion is estimated (`python -m tests.benchmarks
-direct`).
+tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +23,7 @@ from typing import Final, TypeGuard
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
@@ -44,16 +43,14 @@ from gs2ci.reconstruct.geometry.sources.sources import (
     from_file,
     from_rest,
     from_stage,
-    from_uniform,
     from_wide,
     matched_motion,
-    uniform_motion,
 )
 from gs2ci.reconstruct.learned.onnx_models import known_model
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
 
-GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "uniform", "rest", "auto", "vggt")
+GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "rest", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _AUTO: Final = "auto"
 _FILE: Final = "file:"
@@ -62,13 +59,15 @@ _CLEARLY: Final = 0.99
 # Two maps of inverse depth have opposite orders of depth if they correlate by less than minus this; maps of noise do
 # not reach it.
 _CLEARLY_REVERSED: Final = 0.3
+# Cosine of 45 degrees: beyond it, a stage reports another direction of travel than tracks show, in either order.
+_SAME_LINE: Final = 0.7
 
 
 def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "wide"; "displacements"; "uniform"; "rest"; "auto"; "file:PATH" (a COLMAP model's
+        name: "tracks"; "stage"; "wide"; "displacements"; "rest"; "auto"; "file:PATH" (a COLMAP model's
             folder or a transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the
             tracks if no model has been added; or the name of a plug-in, which is called for its prior.
 
@@ -81,7 +80,6 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         PathSource.STAGE: from_stage,
         PathSource.MATCHES: from_wide,
         PathSource.DISPLACEMENTS: from_displacements,
-        PathSource.UNIFORM: from_uniform,
         PathSource.REST: from_rest,
         _AUTO: auto,
     }
@@ -124,39 +122,34 @@ class _Answer:
 
 def auto(request: Request, progress: Progress) -> Geometry:
     """Use all available sources, and let the measurement choose; see `GeometryPrior`."""
-    left_out = request.settings.left_out
-    may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
+    left_out, staged = request.settings.left_out, request.shot.telemetry_world_to_camera is not None
+    may_rest = not staged and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
     still = share_at_rest(request.shot) if may_rest else 0.0
     if still > 0:
         return from_rest(request, progress, finding(Code.CAMERA_AT_REST, share=still))
-    names, criteria = tuple(_sources(request)), request.settings.criteria
-    stage = _asked(request, PathSource.STAGE, progress) if PathSource.STAGE in names else None
-    if stage is not None and _is_borne_out(stage.geometry) and stage.geometry.parallax_px >= criteria.parallax_px:
+    answers = [_asked(request, PathSource.STAGE, progress)] if staged else []
+    stage = answers[0].geometry if staged else None
+    if _is_borne_out(stage) and stage.parallax_px >= request.settings.criteria.parallax_px:
         # It stands whatever path the tracks would give, which takes longer to find than all else of a draft's look.
-        note = finding(Code.SOURCE_CHOSEN, source=PathSource.STAGE, answers=stage.said)
-        return replace(stage.geometry, notes=(*said((note,), progress), *stage.geometry.notes))
+        note = finding(Code.SOURCE_CHOSEN, source=PathSource.STAGE, answers=answers[0].said)
+        return replace(stage, notes=(*said((note,), progress), *stage.notes))
     tracks = _tracks_or_displacements(request, from_tracks(request, progress))
     say_how_found(tracks, progress)
-    doubtful = is_doubtful(tracks, criteria)
-    if names == (PathSource.TRACKS,) and not doubtful:
+    learned = [PathSource.VGGT] if known_model("vggt") is not None else []
+    if not staged and not learned and tracks.verdict != Verdict.UNSUPPORTED:
         return tracks
-    others = [_asked(request, name, progress) for name in names if name not in (PathSource.STAGE, PathSource.TRACKS)]
-    answers = [*([] if stage is None else [stage]), _judged(request, tracks.source, tracks), *others]
+    answers += [_judged(request, tracks.source, tracks), *(_asked(request, name, progress) for name in learned)]
     standing = _standing(answers)
     if standing is None and LeftOut.WIDE_MATCHES not in left_out:
         answers.append(_matched(request, tracks))
         standing = _standing(answers)
-    first = standing is None or standing.source == tracks.source
-    if doubtful and first and LeftOut.UNIFORM_MOTION not in left_out:
-        answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
-        standing = _standing(answers)
     chosen = tracks if standing is None else standing
-    if PathSource.STAGE in names and chosen.source == tracks.source:
-        chosen = _in_the_order_of(answers[0].geometry, chosen)
+    if chosen.source == tracks.source:
+        chosen = _in_the_order_of(stage, chosen)
     answered = ", ".join(answer.said for answer in answers)
     notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
-    if PathSource.STAGE in names and standing is not None and standing.source != PathSource.STAGE:
-        refused = answers[0].geometry is None or not answers[0].geometry.has_path
+    if staged and standing is not None and standing.source != PathSource.STAGE:
+        refused = stage is None or not stage.has_path
         lies = refused and _lies_in_its_sign(request)
         notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
     elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
@@ -193,11 +186,20 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
 def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
     """Return the tracks' path in the stage's order of depth, if the stage settles one.
 
-    A stage whose positions are too inaccurate to be used still reports the right direction of travel.
+    A stage whose positions are too inaccurate to be used still reports the right direction of travel; one that reports
+    another axis than the camera moved along does not, and says nothing of the order.
     """
     if stage is None or not stage.order_given or not chosen.has_path:
         return chosen
+    if abs(float(_line_of(stage) @ _line_of(chosen))) < _SAME_LINE:
+        return chosen
     return replace(_with_order_of(stage, chosen), order_given=True, other_order=None)
+
+
+def _line_of(geometry: Geometry) -> F64:
+    """Return the direction, [3], of either sign, along which a path is longest, as its reference camera sees it."""
+    centres = np.linalg.inv(geometry.world_to_camera)[:, :3, 3]
+    return np.asarray(np.linalg.svd(centres - centres.mean(axis=0))[2][0])
 
 
 def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
@@ -220,12 +222,9 @@ def _lies_in_its_sign(request: Request) -> bool:
 
 
 def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
-    """Tell whether nothing confirms a path: there is none, halves of the tracks disagree, or it is without tracks."""
-    return (
-        geometry.verdict == Verdict.UNSUPPORTED
-        or geometry.is_uniform
-        or bool(doubts_about_path(geometry.path_error_expected, criteria))
-    )
+    """Tell whether nothing confirms a path: there is none, or halves of the tracks disagree."""
+    doubts = doubts_about_path(geometry.path_error_expected, criteria)
+    return geometry.verdict == Verdict.UNSUPPORTED or bool(doubts)
 
 
 def _standing(answers: Sequence[_Answer]) -> Geometry | None:
@@ -248,15 +247,6 @@ def _is_borne_out(given: Geometry | None) -> TypeGuard[Geometry]:
     """Tell whether tracks bear out poses that were given."""
     errors = None if given is None or not given.tracks else given.pose_errors
     return errors is not None and not errors.contradicted
-
-
-def _sources(request: Request) -> Iterator[str]:
-    """Yield the names of the available sources, the preferred one first."""
-    if request.shot.telemetry_world_to_camera is not None:
-        yield PathSource.STAGE
-    yield PathSource.TRACKS
-    if known_model("vggt") is not None:
-        yield PathSource.VGGT
 
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:

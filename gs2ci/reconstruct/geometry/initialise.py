@@ -110,7 +110,6 @@ class Geometry:
         order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
         view_depths: Depths of the reference view and of others, if the path turns far; otherwise none.
         joined: How many views matched features joined to one scene, if not all of them.
-        path_notes: Findings about the path, which do not hold for a camera at rest.
     """
 
     world_to_camera: F64
@@ -132,7 +131,6 @@ class Geometry:
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
     joined: int = 0
-    path_notes: tuple[Finding, ...] = ()
 
     @property
     def known_at_rest(self) -> bool:
@@ -153,11 +151,6 @@ class Geometry:
     def is_estimated(self) -> bool:
         """Get whether the path is estimated from this measurement alone."""
         return self.source in ESTIMATED
-
-    @property
-    def is_uniform(self) -> bool:
-        """Get whether it is a uniform motion, which no tracks confirm."""
-        return self.source == PathSource.UNIFORM
 
     @property
     def is_matched(self) -> bool:

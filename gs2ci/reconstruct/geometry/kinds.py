@@ -14,7 +14,6 @@ class PathSource(StrEnum):
     FILE = "file"
     MATCHES = "wide"
     DISPLACEMENTS = "displacements"
-    UNIFORM = "uniform"
     REST = "rest"
     VGGT = "vggt"
 
@@ -24,7 +23,6 @@ GIVEN: tuple[PathSource, ...] = (PathSource.STAGE, PathSource.FILE)
 ESTIMATED: tuple[PathSource, ...] = (
     PathSource.TRACKS,
     PathSource.MATCHES,
-    PathSource.UNIFORM,
     PathSource.DISPLACEMENTS,
 )
 """Sources that estimate the path from this measurement alone."""

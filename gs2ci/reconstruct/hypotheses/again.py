@@ -75,7 +75,6 @@ def second_look(
         source=before.source,
         path_error_expected=before.path_error_expected,
         notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
-        path_notes=before.path_notes,
     )
     return replace(first, geometry=geometry)
 

@@ -13,7 +13,7 @@ from typing import Final
 from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.decode.residual import ResidualSettings
+from gs2ci.reconstruct.decode.gap_tv import RESIDUAL
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
@@ -108,15 +108,13 @@ class Fits:
     def order_of(self, first: FirstLook) -> tuple[FirstLook, OrderFound]:
         """Return a first look in the likelier order of depth if its order is open, and what is known of it.
 
-        Given poses settle the sign themselves. A path that no tracks confirm is never reversed.
+        Given poses settle the sign themselves.
         """
         geometry = first.geometry
         if self.settings.withheld is not None or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
         if not self.tries_orders:
             return first, OrderFound(DepthOrder.UNTRIED)
-        if geometry.is_uniform:
-            return first, OrderFound(DepthOrder.OPEN, 0.0)
         likelier = in_likelier_order(geometry)
         return replace(first, geometry=likelier), OrderFound(DepthOrder.OPEN, likelier.order_errors)
 
@@ -197,7 +195,7 @@ class Fits:
 
     def fine(self, ensemble: Ensemble, renderer: ShotRenderer, fine: LastStage) -> Ensemble:
         """Take the best of several fits through the fine stage; return the mean of all."""
-        detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).decode
+        detailed = Refinement(self.holdout, self.settings.residual or RESIDUAL).decode
         fined = fine.fit(
             self.fitted,
             ensemble.best,

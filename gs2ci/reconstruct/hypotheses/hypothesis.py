@@ -17,7 +17,6 @@ class Origin(StrEnum):
     FIRST = "first look"
     AGAIN = "second look"
     MATCHES = "wide"
-    REST = "rest"
     TURNED = "other order of depth"
     COMPANION = "other density rule"
     MOVING = "moving from the first"

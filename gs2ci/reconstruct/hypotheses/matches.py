@@ -1,14 +1,11 @@
 """Views far apart, whose path tracks do not find or find roughly: features of all pairs matched again.
 
-    first look (few views join one scene, or a motion without tracks), or fits along a path that turns far, or no better
-    than a decode ─► decode by similar patches ─► features in tilted pictures ─► path
+    first look (few views join one scene), or fits along a path that turns far, or no better than a decode
+    ─► decode by similar patches ─► features in tilted pictures ─► path
 
 Views 15° apart, in any order, share hardly a corner that can be tracked, and in views decoded by GAP-TV few features
 match. Similar patches, sought within each view and its neighbours, need no path, and decode such views 3 to 6 dB
 better (docs/decisions/wide-baseline.md).
-
-A uniform motion that no tracks confirm is the last resort: a scene along it is seldom kept. So features are matched
-again before anything is fitted along it.
 
 Around an object, tracks follow points from one view to the next, and lose them before it has been turned by 20°: errors
 add up along the path, and halves of the tracks share them (docs/decisions/wide-baseline.md).

@@ -20,8 +20,7 @@ from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.hypotheses.again import is_wanted
 from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, Origin
-from gs2ci.reconstruct.hypotheses.race import HALF, QUARTER
-from gs2ci.reconstruct.hypotheses.rest import needs_rest
+from gs2ci.reconstruct.hypotheses.race import HALF
 from gs2ci.reconstruct.presets.budget import GROWS_BY
 
 _SAMPLES: Final = (np.arange(16) + 0.5) / 16
@@ -114,8 +113,6 @@ def _second(fits: Fits, first: FirstLook, order: OrderFound, alone_s: float, bes
     if settings.may_look_again and is_wanted(first.geometry, settings.geometry):
         what = f"the path found in its views, or {Origin.COMPANION.value}"
         yield PlannedStep(what, alone_s, "the path is in doubt")
-        if needs_rest(first):
-            yield PlannedStep(Origin.REST.value, QUARTER * alone_s, "no tracks confirm the motion")
     elif order.state == DepthOrder.OPEN and fits.tries_orders:
         yield PlannedStep(Origin.TURNED.value, beside_s or alone_s, "tracks leave it open")
     elif count > 1:

@@ -49,7 +49,6 @@ from gs2ci.reconstruct.hypotheses.moving import (
     speaks_for_motion,
 )
 from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE
-from gs2ci.reconstruct.hypotheses.rest import from_rest, needs_rest
 from gs2ci.reconstruct.hypotheses.turned import turned_over
 
 QUARTER: Final = 0.25
@@ -160,16 +159,13 @@ class Race:
                 settled, order = self.fits.order_of(replace(again, decoded=views))
                 again = replace(again, geometry=settled.geometry)
             found.append(Hypothesis(Origin.AGAIN, again, views, order))
-        if needs_rest(first) and LeftOut.REST_AS_RIVAL not in self._settings.left_out:
-            found.append(Hypothesis(Origin.REST, from_rest(first), first.decoded))
         return found
 
     def _cut(self, leader: Entrant, entered: list[Entrant]) -> tuple[Entrant, ...]:
         """Return those that go on after a quarter of the schedule: the best, and what is most in doubt beside it."""
         kept = self._kept(leader, entered)
         best = kept[0]
-        # Whether there is a motion at all, where no tracks confirm it, matters more than its order of depth.
-        if self._is_order_open(best.hypothesis) and not best.geometry.is_uniform and not self.fits.halt.asked:
+        if self._is_order_open(best.hypothesis) and not self.fits.halt.asked:
             self._leave(kept[1:], RaceOutcome.NOT_NEEDED)
             kept = kept[:1]
         return (*kept, *(self._second(best) if len(kept) == 1 else self._companions(best, 1)))
@@ -262,7 +258,7 @@ class Race:
         leader, geometry, settings = field[0], first.geometry, self._settings
         result = leader.run.result()
         left_out = LeftOut.MATCHES_IN_A_LONGER_DECODE in settings.left_out
-        matched = left_out or geometry.is_matched or geometry.joined > 0 or needs_rest(first)
+        matched = left_out or geometry.is_matched or geometry.joined > 0
         may_match = settings.poses == "auto" and settings.may_look_again and geometry.is_estimated and not matched
         far = turns_far(result.world_to_camera) or self._jury.is_behind_decode(first, result.views)
         if self.fits.halt.asked or not (may_match and far):
@@ -305,13 +301,13 @@ class Race:
             self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         ended = [one for one in field if one.run.has_ended]
         still = self._jury.mean_of(self._jury.counting(ended))
-        residuals = {STILL: self.fits.holdout.residual_rms(self._jury.shown(still, first.decoded))}
+        residuals = {STILL: self.fits.holdout.residual_rms(self.fits.refine(still))}
         moving = self._enter(self._jury.moving_hypothesis(first, field[0], still))
         for share in (HALF, 1.0):
             self._try(share, moving)
             if moving.number in self._outcomes:
                 return (), residuals
-            residuals[MOVING] = self._jury.left(moving, first.decoded)
+            residuals[MOVING] = self._jury.left(moving)
             if not self._wants_motion and not or_infinite(residuals[MOVING]) < or_infinite(residuals[STILL]):
                 break
         else:

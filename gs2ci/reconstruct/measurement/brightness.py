@@ -35,6 +35,10 @@ from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 
 # If the condition number of the normal equations is larger, the masks do not distinguish their views' brightness.
 TOO_ALIKE: Final = 1e8
+# Pairs of masks that are open where the other is closed open as much together as any other pair, so that nothing tells
+# the light of one pair from that of another: a mode of brightness in which all masks together pass less than this share
+# of what one passes (mean square). In random masks it is 0.5 with a half open, 0.02 with 98 %.
+_LEAST_TOLD: Final = 1e-3
 # A usable lamp does not vary by more between the masks of an exposure.
 _RANGE: Final = (0.1, 10.0)
 # Predictions are smoothed by this standard deviation, px. If a view's brightness then differs by more than so many
@@ -196,6 +200,7 @@ class LinearSystem:
         light: Amount of light of each, [L].
         half: Which pixels belong to the first half, [P].
         block: The block of the picture to which each pixel belongs, [P].
+        told: Modes of brightness in which the masks tell views apart, [L, R]; None if they do in all.
     """
 
     parts: F64
@@ -204,6 +209,7 @@ class LinearSystem:
     light: F64
     half: Bool
     block: NDArray[np.intp]
+    told: F64 | None
 
     @classmethod
     def of(cls, shot: Shot, views: F32) -> "LinearSystem | None":
@@ -228,6 +234,7 @@ class LinearSystem:
             light=shot.weights[lit] * shot.masks[lit].sum(axis=(1, 2), dtype=np.float64),
             half=np.asarray((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0),
             block=block_numbers(row, column, side),
+            told=_told(shot.masks[:, counted][lit]),
         )
 
     def solve(self, pixels: Bool | slice = slice(None)) -> F64 | None:
@@ -236,10 +243,17 @@ class LinearSystem:
         None if masks do not distinguish the views, or a factor is outside a lamp's range.
         """
         parts = self.parts[:, pixels].reshape(len(self.parts), -1)
-        normal = parts @ parts.T
+        normal, right = parts @ parts.T, parts @ self.readings[pixels].ravel()
+        if self.told is not None and self.told.shape[1] < 2:
+            return None
+        if self.told is not None:  # in all other modes the brightness is that of the weights
+            right = self.told.T @ (right - normal.sum(axis=1))
+            normal = self.told.T @ normal @ self.told
         if not np.isfinite(normal).all() or np.linalg.cond(normal) > TOO_ALIKE:
             return None
-        found = np.linalg.solve(normal, parts @ self.readings[pixels].ravel())
+        found = np.linalg.solve(normal, right)
+        if self.told is not None:
+            found = 1 + self.told @ found
         mean = float((found * self.light).sum() / self.light.sum())
         if mean <= 0 or not _RANGE[0] * mean <= found.min() <= found.max() <= _RANGE[1] * mean:
             return None
@@ -251,8 +265,13 @@ class LinearSystem:
         Residuals are correlated over the things of a scene, so that errors from single pixels would be too small.
         """
         parts = self.parts.reshape(len(self.parts), -1)
-        inverse = np.linalg.inv(parts @ parts.T)
-        found = inverse @ (parts @ self.readings.ravel())
+        normal = parts @ parts.T
+        if self.told is None:
+            inverse = np.linalg.inv(normal)
+            found = inverse @ (parts @ self.readings.ravel())
+        else:
+            inverse = self.told @ np.linalg.inv(self.told.T @ normal @ self.told) @ self.told.T
+            found = 1 + inverse @ (parts @ self.readings.ravel() - normal.sum(axis=1))
         left = self.readings - np.tensordot(found, self.parts, axes=1)
         by_pixel = (self.parts * left).sum(axis=-1)
         spread = inverse @ scores_over_blocks(by_pixel, self.block) @ inverse
@@ -293,3 +312,11 @@ def _part(coding: Coding, views: F32, view: int) -> F64:
     """Return the contribution of one view to the measurement, [H, W, C]."""
     alone = Coding(coding.transmissions[view : view + 1], coding.channels)
     return alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)
+
+
+def _told(masks: F32) -> F64 | None:
+    """Return the modes of brightness, [L, R], in which masks, [L, P], tell views apart; None if they do in all."""
+    opened = masks.astype(np.float64)
+    shares, modes = np.linalg.eigh(opened @ opened.T)
+    kept = shares >= _LEAST_TOLD * shares.mean()
+    return None if kept.all() else np.asarray(modes[:, kept])

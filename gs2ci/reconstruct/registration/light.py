@@ -42,13 +42,14 @@ class Unit:
     reason: str
 
 
-def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
+def find_unit(level: F64, counts: Bool, integers: bool, *, stated: bool = False) -> Unit | None:
     """Find the unit of a measurement whose scene would be mostly brighter than white, or nowhere as bright as 0.02.
 
     Args:
         level: The scene's local level under the stated unit, [K].
         counts: Which of them are known, [K].
         integers: Whether the readings are whole numbers, as a camera's counts are.
+        stated: Whether somebody who knows has stated the unit: then a dark scene is dark.
 
     Returns:
         The divisor of the readings; None if the unit is plausible, or the scene is black.
@@ -57,7 +58,7 @@ def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
     if known.size == 0:
         return None
     bright, mostly = float(np.quantile(known, _BRIGHT)), float(np.quantile(known, _MOSTLY))
-    if bright <= 0 or (mostly <= _EXPOSED[1] and bright >= DARK):
+    if bright <= 0 or (mostly <= _EXPOSED[1] and (stated or bright >= DARK)):
         return None
     for usual, name in ((_COUNTS, "camera counts"), (_POWERS, "a power of ten")):
         if usual is _COUNTS and not integers:

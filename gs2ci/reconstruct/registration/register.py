@@ -344,7 +344,7 @@ class _Registration:
         level = seen.level(total)
         known = (seen.counts > 0) & (total > 0.5 * float(np.median(total)))
         integers = bool(np.all(self.given.measurement == np.rint(self.given.measurement)))
-        unit = find_unit(level, known, integers)
+        unit = find_unit(level, known, integers, stated=bool(self.given.provenance.get("unit_stated")))
         if unit is None:
             return 1.0
         self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))

@@ -59,8 +59,7 @@ class Factors:
         depth_by_path: The error of a depth per expected error of the path: all inverse depths shift together, which
             moves those far from the middle depth by |z/z_middle − 1|,
         at_middle: and some stays at the middle.
-        path_not_judged: The expected error of a path, as a share of its extent, if no halves of tracks judged it: a
-            uniform motion has few numbers that could be wrong.
+        path_not_judged: The expected error of a path, as a share of its extent, if no halves of tracks judged it.
         unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any.
     """
 

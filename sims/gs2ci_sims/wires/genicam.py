@@ -81,6 +81,11 @@ class GenicamModel(ShutterModel):
         time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
         auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
         processing: Whether it has further features that change readings (`genicam_processing`).
+        debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
+            lasted for that long, so that edges act later by as much and shorter pulses are lost
+            (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
+        shutters: Entries of SensorShutterMode, that at power-up first; none: it has no such feature. Behind "Rolling"
+            each quarter of the rows begins and ends later than the one above it, the last one by `readout_s`.
     """
 
     height: int = 64
@@ -106,6 +111,8 @@ class GenicamModel(ShutterModel):
     time_unit: Literal["us", "ms", "ns", "px"] = "us"
     auto_gain: float = 0.0
     processing: bool = False
+    debouncer_us: tuple[float, float] | None = None
+    shutters: tuple[str, ...] = ()
 
 
 def bits_of(name: str) -> int:
@@ -186,6 +193,7 @@ class GenicamTwin:
             active_low=lambda: self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge",
             delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
             least_period_s=self._least_period_s,
+            debounce_s=self._debounce_s,
         )
 
     @property
@@ -392,6 +400,11 @@ class GenicamTwin:
         per_us = US / self._unit_s
         return 10_000.0 * per_us, lambda: 20.0 * per_us, lambda: 10e6 * per_us, 0.5 * per_us
 
+    def _debounce_s(self) -> float:
+        return (
+            float(self.nodes.of("LineDebouncerTime", self.model.trigger_input)) * US if self.model.debouncer_us else 0.0
+        )
+
     def _least_period_s(self) -> float:
         limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
         return 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
@@ -401,6 +414,12 @@ class GenicamTwin:
         down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
         size = {"height": height * down, "width": width * right}
         pixels = self._world.integrate(exposed.start_s, exposed.end_s, **size, bits=bits)
+        if self.model.shutters and self.nodes.read("SensorShutterMode") == "Rolling":
+            later_s, quarter = self.model.readout_s / 3, -(-size["height"] // 4)
+            for k in (1, 2, 3):
+                rows = slice(k * quarter, (k + 1) * quarter)
+                begun_s, ended_s = (when_s + k * later_s for when_s in (exposed.start_s, exposed.end_s))
+                pixels[rows] = self._world.integrate(begun_s, ended_s, **size, bits=bits)[rows]
         top = (1 << bits) - 1
         binned = pixels.reshape(height, down, width, right).sum(axis=(1, 3), dtype=np.uint32)
         shares = np.minimum(binned, top) / top
@@ -467,6 +486,14 @@ class GenicamTwin:
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
         self._vary(nodes)
+        if model.debouncer_us is not None:
+            found_us, least_us = model.debouncer_us
+            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
+            nodes["LineDebouncerTime"] = Node(
+                *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
+            )
+        if model.shutters:
+            nodes["SensorShutterMode"] = Node("enumeration", model.shutters[0], symbols=model.shutters, locked=True)
         if model.tells == "time":
             nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
         if model.tells == "rate":

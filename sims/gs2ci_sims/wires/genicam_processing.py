@@ -27,12 +27,13 @@ CATEGORIES: Final = {
         "Reverse",
         "TestPattern",
     ),
-    "AcquisitionControl": ("Acquisition", "Trigger", "Exposure"),
+    "AcquisitionControl": ("Acquisition", "Trigger", "Exposure", "SensorShutter"),
     "AnalogControl": ("Gain", "Gamma", "Black", "Balance"),
     "ChunkDataControl": ("Chunk",),
     "LUTControl": ("LUT",),
     "ColorTransformationControl": ("ColorTransformation",),
     "DeviceControl": ("Device", "Timestamp"),
+    "DigitalIOControl": ("Line",),
     "ImageProcessingControl": ("",),
 }
 """Category -> how the names of its features begin; the last one holds the rest."""

@@ -5,7 +5,7 @@ of the readout is lost, which the frame numbers do not show. Not here: the camer
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -73,6 +73,7 @@ class CameraShutter:
         ignored_triggers: Edges lost after each start.
         least_period_s: Returns the shortest time from one exposure to the next that a limit of the frame rate allows;
             an edge before that is lost.
+        debounce_s: Returns for how long a level has to last before it counts; edges act that much later.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class CameraShutter:
         longer_ppm: float = 0.0,
         ignored_triggers: int = 0,
         least_period_s: Callable[[], float] = lambda: 0.0,
+        debounce_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._clock = world.clock
         self._model = model
@@ -101,6 +103,8 @@ class CameraShutter:
         self._longer_ppm = longer_ppm
         self._ignored_triggers = ignored_triggers
         self._least_period_s = least_period_s
+        self._debounce_s = debounce_s
+        self._latest: Edge | None = None
         self._how: Shutting | None = None
         self._pending: list[Event] = []
         self._busy_until_s = 0.0
@@ -138,6 +142,14 @@ class CameraShutter:
         return seconds * (1 + self._longer_ppm * 1e-6)
 
     def _on_edge(self, edge: Edge) -> None:
+        self._latest, wait_s = edge, self._debounce_s()
+        if wait_s <= 0:
+            self._act(edge)
+            return
+        later = replace(edge, when_s=edge.when_s + wait_s)
+        self._plan(later.when_s, lambda: self._act(later) if self._latest is edge else None)
+
+    def _act(self, edge: Edge) -> None:
         if edge.level is not self._active_low():
             self._on_rise(edge.when_s)
         elif self._how is Shutting.LEVEL and self._opened_s is not None:

@@ -37,6 +37,16 @@ def test_masks_of_another_measurement_are_doubted(scene, take, said):
     assert said(take(ImportOptions(scale=1.0), meas=made.meas, mask=other.masks), "no trace of these masks")
 
 
+def test_a_lamp_that_outshines_the_scene_does_not_hide_the_pattern_of_the_masks(scene, take, said):
+    made = scene(n=8, height=60, width=60)
+    views = 0.1 * made.views / 255.0
+    views[:, 20:24, 10:14] = 20.0
+    meas = np.einsum("nhw,nhwc->hwc", made.masks, views)
+    others = scene(n=8, height=60, width=60, seed=9).masks
+    assert not said(take(ImportOptions(scale=1.0), meas=meas, mask=made.masks), "no trace of these masks")
+    assert said(take(ImportOptions(scale=1.0), meas=meas, mask=others), "no trace of these masks")
+
+
 def test_masks_that_always_open_the_same_number_leave_nothing_to_test(scene, take, said):
     made = scene(n=2)
     masks = np.stack([made.masks[0], 1 - made.masks[0]])
@@ -74,6 +84,25 @@ def test_a_truth_of_another_scene_is_doubted(scene, take, said):
     made = scene()
     other = (np.random.default_rng(5).random(made.views.shape) > 0.9) * np.uint8(255)
     assert said(take(meas=made.meas, mask=made.masks, truth=other), "WARNING: the truth does not explain")
+
+
+def test_a_truth_that_explains_no_more_than_even_views_is_doubted(scene, take, said):
+    """Any views of the right brightness explain most of what half-open masks pass."""
+    made = scene(n=8, height=40, width=50)
+    other = np.random.default_rng(5).random(made.views.shape)
+    imported = take(meas=made.meas, mask=made.masks, truth=other)
+    assert said(imported, "WARNING: the truth does not explain")
+    assert imported.shots[0].provenance["unit_stated"] is False
+
+
+def test_a_black_level_that_the_truth_shows_is_named_and_not_taken_for_light(scene, take, said):
+    made = scene(n=8, height=40, width=50)
+    imported = take(meas=200 * made.meas + 90, mask=made.masks, truth=made.views)
+    assert said(imported, "above a reading of 90 without light")
+    assert imported.shots[0].provenance["full_scale"] == pytest.approx(200)
+    assert not said(take(meas=200 * made.meas, mask=made.masks, truth=made.views), "without light")
+    options = ImportOptions(offset=90.0)
+    assert not said(take(options, meas=200 * made.meas + 90, mask=made.masks, truth=made.views), "without light")
 
 
 @pytest.mark.parametrize("cfa", CFA_PATTERNS)

@@ -148,3 +148,27 @@ def test_true_views_may_come_in_any_order(scene, take, order):
 def test_empty_arrays_are_refused(scene, take):
     with pytest.raises(InputError, match="empty"):
         take(meas=np.zeros((0, 4)), mask=scene().masks)
+
+
+@pytest.mark.parametrize("opaque", [np.uint8(255), np.uint16(65535), 1.0])
+@pytest.mark.parametrize("order", ["HWC", "CHW"])
+def test_the_opacity_of_a_colour_picture_is_no_measurement(scene, take, said, order, opaque):
+    made = scene()
+    full = float(opaque)
+    meas = (made.meas / made.meas.max() * full).astype(np.asarray(opaque).dtype)
+    picture = np.concatenate([meas, np.full((*meas.shape[:2], 1), opaque)], axis=2)
+    imported = take(ImportOptions(scale=full), meas=np.einsum(f"HWC->{order}", picture), mask=made.masks)
+    assert said(imported, "as the opacity of a colour picture is: left out")
+    (shot,) = imported.shots
+    assert np.allclose(shot.measurement, meas / full)
+
+
+def test_a_fourth_measurement_is_one(scene, take):
+    made = scene()
+    meas = np.concatenate([made.meas, made.meas[..., :1]], axis=2)
+    assert len(take(meas=meas, mask=made.masks).shots) == 4
+
+
+def test_one_measurement_on_an_axis_of_its_own_raises_no_question_of_colours(scene, take, said):
+    made = scene()
+    assert not said(take(meas=made.meas.mean(axis=2)[None], mask=made.masks), "--meas-layout stack")

@@ -123,8 +123,9 @@ def test_too_many_bad_pixels_are_no_measurement(scene, take):
     made = scene()
     meas = made.meas.copy()
     meas[:6] = np.nan
-    with pytest.raises(InputError, match="mend the measurement"):
-        take(ImportOptions(bad_pixels="median"), meas=meas, mask=made.masks)
+    for options in (ImportOptions(bad_pixels="median"), ImportOptions()):  # which would not help
+        with pytest.raises(InputError, match="what to do: mend the measurement"):
+            take(options, meas=meas, mask=made.masks)
 
 
 def test_a_pixel_without_any_good_neighbour_becomes_dark(take):

@@ -188,3 +188,25 @@ def test_true_views_that_are_no_light_are_refused(scene, take, change):
     made = scene()
     with pytest.raises(InputError, match=r"key 'truth'.*--truth-key none"):
         take(meas=made.meas, mask=made.masks, truth=change(made.views.astype(float)))
+
+
+def test_true_views_with_a_lamp_brighter_than_white_keep_their_full_scale(scene, take, said):
+    """The views are made in full scales of one view, and a lamp in them is twenty times as bright as white."""
+    made = scene(height=48, width=48)
+    views = 0.1 * made.views / 255.0
+    views[:, 20:24, 10:14] = 20.0
+    meas = np.einsum("nhw,nhwc->hwc", made.masks, views)
+    imported = take(meas=meas, mask=made.masks, truth=views)
+    assert said(imported, "truth: full scale 1")
+    assert imported.shots[0].provenance["full_scale"] == 1
+    assert np.allclose(imported.shots[0].truth.views, views)
+
+
+@pytest.mark.parametrize(
+    ("options", "with_truth", "stated"),
+    [(None, False, False), (None, True, True), (ImportOptions(scale=1.0), False, True)],
+)
+def test_a_unit_counts_as_stated_if_the_user_or_the_truth_states_it(scene, take, options, with_truth, stated):
+    made = scene(n=8, height=40, width=50)
+    truth = {"truth": made.views} if with_truth else {}
+    assert take(options, meas=made.meas, mask=made.masks, **truth).shots[0].provenance["unit_stated"] is stated

@@ -63,6 +63,69 @@ def test_a_delay_below_the_least_is_refused_with_the_limits():
         Bench({"trigger_delay_s": 4e-6}, least_delay_us=9.0).start()
 
 
+# ---- a line's debouncer
+
+
+@pytest.mark.parametrize(("left_us", "least_us"), [(1000.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
+def test_a_debouncer_that_delays_triggers_is_set_to_its_least_and_that_is_counted(left_us, least_us):
+    """At 1 ms, as another program may leave it, each mask would be exposed a millisecond late, without a word."""
+    one = Bench(debouncer_us=(left_us, least_us))
+    one.start()
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert one.world.exposures[-1].start_s == pytest.approx(rise_s + least_us * 1e-6, abs=1e-9)
+    assert one.sensor.settings.trigger_delay_s == pytest.approx(least_us * 1e-6)
+    told = [line for line in one.sensor.incidents if "LineDebouncerTime" in line]
+    assert len(told) == (2 if left_us > least_us else 0)  # one for each line
+
+
+def test_a_debouncer_that_the_rig_file_asks_for_is_kept_and_counted_and_swallows_shorter_pulses():
+    wanted = {"features": {"LineSelector": "Line1", "LineDebouncerTime": 500.0}}
+    one = Bench(wanted, debouncer_us=(0.0, 0.0))
+    one.start()
+    assert one.sensor.settings.trigger_delay_s == pytest.approx(500e-6)
+    one.world.clock.after(2e-3, lambda: one.world.bus.pulse(LINE, 100e-6))
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert [exposure.start_s for exposure in one.world.exposures] == [pytest.approx(rise_s + 500e-6, abs=1e-9)]
+    assert one.twin.nodes.read("LineSelector") == "Line1"
+
+
+# ---- rows one after the other
+
+
+class Flash:
+    """Light of 1000 DN in the millisecond from `begin_s` on."""
+
+    begin_s = 0.0
+
+    def collect(self, exposure: Exposure) -> np.ndarray:
+        on_s = min(exposure.end_s, self.begin_s + 1e-3) - max(exposure.start_s, self.begin_s)
+        return np.full((exposure.height, exposure.width), round(1e6 * max(on_s, 0.0)), np.uint16)
+
+
+@pytest.mark.parametrize("others", [("Global",), ("GlobalReset",), ("GlobalResetRelease", "Global")])
+def test_a_shutter_that_rolls_is_set_to_one_that_shows_all_masks_to_all_rows(others):
+    one = Bench(shutters=("Rolling", *others))
+    one.start()
+    assert one.sensor.settings.recorded["SensorShutterMode"] == max(others, key=lambda name: name == "Global")
+    assert any("SensorShutterMode was Rolling" in line for line in one.sensor.incidents)
+
+
+def test_a_camera_that_can_only_roll_shows_masks_to_some_rows_and_that_is_told():
+    one = Bench(shutters=("Rolling",), readout_s=6e-3)
+    one.world.light = Flash()
+    one.start()
+    one.world.light.begin_s = one.pulse()
+    rows = one.sensor.read(0.5).pixels.mean(axis=1)
+    assert rows[:16] == pytest.approx(1000, abs=1)
+    assert (rows[16:] == 0).all()
+    assert any("SensorShutterMode is Rolling" in line for line in one.sensor.incidents)
+    wanted = Bench({"features": {"SensorShutterMode": "Rolling"}}, shutters=("Global", "Rolling"))
+    wanted.start()
+    assert wanted.twin.nodes.read("SensorShutterMode") == "Rolling"
+
+
 # ---- C2: locked while the trigger is on
 
 

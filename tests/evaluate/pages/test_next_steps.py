@@ -11,7 +11,7 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from tests.evaluate.reports import GOOD, a_report
 
 DIVERGED = finding(Code.FIT_DIVERGED, times=4, best=50)
-UNIFORM = finding(Code.UNIFORM_MOTION, share=0.5)
+UNCERTAIN = finding(Code.PATH_UNCERTAIN, share=0.1)
 LOOK = GOOD["curve"][0]
 
 
@@ -37,11 +37,11 @@ def test_a_good_run_is_looked_at_and_a_remark_asks_for_nothing():
 
 
 def test_what_failed_comes_before_what_is_doubted_and_only_so_many_are_told():
-    doubts = [UNIFORM, finding(Code.SATURATED, share=0.2), finding(Code.DEPTH_STARTS_AS_PLANE)]
+    doubts = [UNCERTAIN, finding(Code.SATURATED, share=0.2), finding(Code.DEPTH_STARTS_AS_PLANE)]
     steps = next_steps(a_report(*doubts, finding(Code.UNJUDGED), stopped=DIVERGED))
     assert len(steps) == module.MOST_STEPS
     assert steps[0].what == Code.FIT_DIVERGED.remedy
-    assert UNIFORM.sentence in [step.because for step in steps]
+    assert UNCERTAIN.sentence in [step.because for step in steps]
 
 
 def test_a_simulation_beyond_its_tolerance_is_said():
@@ -102,8 +102,7 @@ def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():
         (a_report(geometry__verdict="rotation_only"), "Views, no depth", "mixed"),
         (a_report(geometry__verdict="unsupported"), "Views, no depth", "mixed"),
         (a_report(stopped=DIVERGED), "With doubts", "mixed"),
-        (a_report(finding(Code.PATH_UNCERTAIN, share=0.1)), "With doubts", "mixed"),
-        (a_report(UNIFORM), "With doubts", "mixed"),
+        (a_report(UNCERTAIN), "With doubts", "mixed"),
         (a_report(verdict="decode"), "Views only", "poor"),
     ],
 )

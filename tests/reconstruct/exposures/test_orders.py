@@ -18,7 +18,6 @@ from tests.reconstruct.exposures.rooms import exposure, middle
         ({"order_errors": 1.0, "order_given": True}, False),
         ({"order_errors": 1.0, "source": PathSource.STAGE}, False),
         ({"order_errors": 1.0, "verdict": Verdict.ROTATION_ONLY}, False),
-        ({"order_errors": 1.0, "source": PathSource.UNIFORM}, False),
     ],
 )
 def test_an_estimated_order_is_open_unless_tracks_are_sure_of_it(changed, is_so):

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.exposures.pictures import depths_of, has_depth, pictures_of, sampled
+from gs2ci.reconstruct.exposures.pictures import depths_of, pictures_of, sampled
 from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
-from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
+from gs2ci.reconstruct.geometry.kinds import Verdict
 from tests.reconstruct.exposures.rooms import VIEWS, exposure, middle
 
 
@@ -35,18 +35,10 @@ def test_points_are_lifted_by_the_depth_map():
     np.testing.assert_allclose(picture.lifted(np.array([[-3.0, 200.0]]))[0, 2], 1.0, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("verdict", "source", "known"),
-    [
-        (Verdict.FULL, PathSource.TRACKS, True),
-        (Verdict.FULL, PathSource.UNIFORM, False),
-        (Verdict.ROTATION_ONLY, PathSource.TRACKS, False),
-    ],
-)
-def test_depths_of_exposures_without_a_path_of_their_own_are_hardly_known(verdict, source, known):
+@pytest.mark.parametrize(("verdict", "known"), [(Verdict.FULL, True), (Verdict.ROTATION_ONLY, False)])
+def test_depths_of_exposures_without_a_path_of_their_own_are_hardly_known(verdict, known):
     one = exposure("one", middle())
-    geometry = replace(one.geometry, verdict=verdict, source=source)
-    assert has_depth(geometry) == known
+    geometry = replace(one.geometry, verdict=verdict)
     assert (pictures_of(one.views, geometry)[0].depth_error < 0.2) == known
 
 

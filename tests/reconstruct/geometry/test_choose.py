@@ -20,7 +20,6 @@ from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
-from gs2ci.reconstruct.geometry.sources import sources
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
 
 # A coarse sweep: these tests are about poses.
@@ -29,8 +28,8 @@ QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
 
 @pytest.fixture(scope="module", autouse=True)
 def tracked_once():
-    """Track the same views once, and seek a uniform motion in them once: what is asked here comes after."""
-    kept, seek, sought = {}, sources.uniform_motion, {}
+    """Track the same views once: what is asked here comes after."""
+    kept = {}
 
     def found(views, intrinsics, settings, progress=None, known_poses=None, seen=None):
         if known_poses is not None or seen is not None:
@@ -41,16 +40,8 @@ def tracked_once():
         said(kept[key].notes, progress or Silent())
         return kept[key]
 
-    def uniform(request, tracks):
-        key = request.shot.measurement.tobytes(), request.views.tobytes(), tracks.intrinsics.tobytes()
-        if key not in sought:
-            sought[key] = seek(request, tracks)
-        return sought[key]
-
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(prior, "initialise", found)
-        for module in (choose, sources):
-            patched.setattr(module, "uniform_motion", uniform)
         yield
 
 
@@ -283,6 +274,23 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     assert found.order_given
 
 
+def test_a_stage_that_reports_another_axis_than_the_camera_moved_along_settles_no_order(request_for, scene):
+    """Its depths are those of noise: they may turn right tracks inside out."""
+    across = scene.poses.copy()
+    across[:, :3, 3] = across[:, [1, 0, 2], 3] * np.array([1, -1, 1])
+    found = find("auto", request_for(telemetry_world_to_camera=across))
+    assert found.source == "tracks"
+    assert Code.STAGE_NOT_TAKEN in [note.code for note in found.notes]
+    assert not found.order_given
+    right, stage = (
+        from_tracks(request_for(), Silent()),
+        find("stage", request_for(telemetry_world_to_camera=scene.poses)),
+    )
+    wrong = replace(stage, world_to_camera=across, inverse_depth=-right.inverse_depth)
+    assert choose._in_the_order_of(wrong, right) is right
+    assert choose._in_the_order_of(stage, right).order_given
+
+
 def test_a_stage_with_a_map_of_one_depth_turns_no_tracks(request_for):
     found = find("tracks", request_for())
     flat = replace(found, inverse_depth=np.ones_like(found.inverse_depth))
@@ -340,22 +348,12 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
 
 @pytest.fixture
 def lost_request(seen, expose):
-    """Make a request about a uniform motion in which no track is believed."""
+    """Make a request in which no track is believed."""
     poses = np.tile(np.eye(4), (5, 1, 1))
     poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (0.03, 0.01, 0)
     scene = seen(poses=poses)
     settings = replace(QUICK, criteria=Criteria(tracks=100_000))
     return lambda **parts: Request(expose(scene, **parts), scene.views, settings)
-
-
-def test_auto_seeks_a_uniform_motion_where_tracks_give_no_path(lost_request):
-    found = find("auto", lost_request())
-    assert (found.source, found.verdict) == ("uniform", "full")
-    assert "by the tracks (unsupported), " in found.notes[0].sentence
-    assert found.notes[0].sentence.endswith(" by the uniform motion.")
-    assert [note.code for note in found.path_notes] == [Code.UNIFORM_MOTION]
-    by_name = find("uniform", lost_request())
-    assert np.array_equal(found.world_to_camera, by_name.world_to_camera)
 
 
 @pytest.fixture(scope="module")
@@ -394,8 +392,7 @@ def test_a_camera_may_be_said_to_be_at_rest(request_for):
 def test_auto_says_how_many_views_joined_where_not_all_did(lost_request, monkeypatch):
     monkeypatch.setattr(choose, "matched_motion", lambda request, tracks: replace(at_rest(tracks), joined=3))
     found = find("auto", lost_request())
-    assert found.source == "uniform"
-    assert found.joined == 3
+    assert (found.source, found.verdict, found.joined) == ("tracks", "unsupported", 3)
 
 
 def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(request_for):
@@ -405,13 +402,10 @@ def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(reque
     assert not explains_more_than_rest(request, at_rest(found))
 
 
-def test_auto_seeks_a_uniform_motion_where_halves_of_the_tracks_disagree(request_for, monkeypatch):
+def test_auto_keeps_the_path_of_tracks_whose_halves_disagree_where_nothing_else_is_known(request_for, monkeypatch):
     doubted = replace(from_tracks(request_for(), Silent()), path_error_expected=0.2)
     monkeypatch.setattr(choose, "from_tracks", lambda request, progress: doubted)
-    found = find("auto", request_for())
-    # The bent path of the tracks is the right one here, and explains more.
-    assert found.source == "tracks"
-    assert "by the uniform motion" in found.notes[0].sentence
+    assert find("auto", request_for()) is doubted
 
 
 def test_without_tracks_the_measurement_bears_out_a_stage_or_not(lost_request):
@@ -419,7 +413,6 @@ def test_without_tracks_the_measurement_bears_out_a_stage_or_not(lost_request):
     poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (7.5, 2.5, 0)
     found = find("auto", lost_request(telemetry_world_to_camera=poses))
     assert (found.source, found.verdict) == ("stage", "full")
-    assert found.path_notes == ()
     assert found.unit == pytest.approx(
         np.linalg.norm(poses[4, :3, 3]) / np.linalg.norm(found.world_to_camera[4, :3, 3])
     )

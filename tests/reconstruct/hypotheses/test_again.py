@@ -43,7 +43,6 @@ def geometry(**parts):
         ({}, False),
         ({"path_error_expected": None}, False),
         ({"path_error_expected": 0.2}, True),
-        ({"source": "uniform", "path_error_expected": None}, True),
         ({"source": "stage", "path_error_expected": None}, False),
         ({"verdict": "unsupported", "path_error_expected": None}, True),
         ({"verdict": "rotation_only", "path_error_expected": None}, True),
@@ -82,7 +81,7 @@ def first(panned):
     masks = (np.random.default_rng(1).random(panned.shape[:3]) < 0.5).astype(np.float32)
     measurement = np.einsum("nhw,nhwc->hwc", masks, panned)
     shot = Shot(measurement, masks, np.ones(5, np.float32), intrinsics=geometry().intrinsics).check()
-    return FirstLook(Holdout.of(shot, 0.02, 0), panned, geometry(source="uniform", path_error_expected=None), None)
+    return FirstLook(Holdout.of(shot, 0.02, 0), panned, geometry(path_error_expected=0.2), None)
 
 
 def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
@@ -92,7 +91,7 @@ def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
     assert again.geometry.verdict == "full"
     assert np.linalg.norm(again.geometry.world_to_camera[-1, :3, 3]) > 0
     # Fitted views are those of one rigid scene: that their tracks agree proves nothing.
-    assert (again.geometry.source, again.geometry.path_error_expected) == ("uniform", None)
+    assert (again.geometry.source, again.geometry.path_error_expected) == ("tracks", 0.2)
     assert again.geometry.notes[0] == UNCERTAIN
     assert again.geometry.notes[-1].code is Code.PATH_FOUND_AGAIN
 

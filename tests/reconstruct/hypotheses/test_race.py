@@ -155,7 +155,6 @@ def run(
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
     monkeypatch.setattr(jury, "ask", lambda *_: left)
     monkeypatch.setattr(race, "ask", lambda *_: left)
-    monkeypatch.setattr(jury, "followed_by_other_alone", lambda *_: np.zeros(1))
     monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
@@ -163,9 +162,9 @@ def run(
     return raced, [(one.hypothesis.value, one.iterations) for one in raced.course]
 
 
-DOUBTFUL, UNIFORM, PATHLESS = {"path_error_expected": 0.2}, {"source": "uniform"}, {"verdict": "rotation_only"}
+DOUBTFUL, PATHLESS = {"path_error_expected": 0.2}, {"verdict": "rotation_only"}
 OPEN = OrderFound(DepthOrder.OPEN, 0.4)
-FIRST, SECOND, REST = "first look", "second look", "rest"
+FIRST, SECOND = "first look", "second look"
 TURNED, COMPANION, MATCHED = "other order of depth", "other density rule", "wide"
 
 
@@ -179,15 +178,6 @@ TURNED, COMPANION, MATCHED = "other order of depth", "other density rule", "wide
         (DOUBTFUL, None, {FIRST: 0.02, SECOND: 0.03}, [(FIRST, 400), (SECOND, 100), (COMPANION, 400)], FIRST),
         (DOUBTFUL, None, {FIRST: 0.02}, [(FIRST, 400), (COMPANION, 400)], FIRST),
         (DOUBTFUL, OPEN, {FIRST: 0.02, SECOND: 0.021}, [(FIRST, 400), (SECOND, 100), (TURNED, 400)], FIRST),
-        (
-            UNIFORM,
-            OPEN,
-            {FIRST: 0.03, SECOND: 0.031, REST: 0.02},
-            [(FIRST, 200), (SECOND, 100), (REST, 400), (COMPANION, 400)],
-            REST,
-        ),
-        (UNIFORM, OPEN, {FIRST: 0.02, REST: 0.021}, [(FIRST, 400), (REST, 400)], FIRST),
-        (UNIFORM, OPEN, {FIRST: 0.02, REST: 0.03}, [(FIRST, 400), (REST, 100), (TURNED, 400)], FIRST),
         (PATHLESS, None, {FIRST: 0.03, SECOND: 0.0299}, [(FIRST, 400), (SECOND, 400)], FIRST),
         (PATHLESS, None, {FIRST: 0.03, SECOND: 0.029}, [(FIRST, 400), (SECOND, 400)], SECOND),
         (

@@ -117,6 +117,31 @@ def test_masks_that_do_not_tell_views_apart_tell_no_brightness():
     assert view_brightness(alike, views) is None
 
 
+def pairs_of_masks(pairs=3):
+    """Masks that are open where the other one of their pair is closed, as DMDs show them."""
+    drawn = (np.random.default_rng(1).random((pairs, *SIZE)) < 0.5).astype(np.float32)
+    return np.stack([drawn, 1 - drawn], axis=1).reshape(-1, *SIZE)
+
+
+def test_pairs_of_complementary_masks_tell_the_light_within_a_pair_and_never_that_of_a_pair_against_another():
+    """Each pair passes all of the light once, so that a stronger one and a weaker one pass what two alike do."""
+    masks = pairs_of_masks()
+    light = np.array([0.8, 1.2, 1.1, 0.9, 1.0, 1.0])
+    rng = np.random.default_rng(2)
+    still = np.repeat(views_of()[:1], 6, axis=0)
+    views = still + 0.03 * gaussian_filter(rng.standard_normal(still.shape), (0, 4, 4, 0))
+    readings = np.einsum("n,nhw,nhwc->hwc", light, masks, views).astype(np.float32)
+    shot = Shot(readings, masks, np.ones(6, np.float32)).check()
+    # What is predicted carries the errors of a decode: they pass for light where nothing else tells it.
+    predicted = (still + 0.03 * gaussian_filter(rng.standard_normal(still.shape), (0, 4, 4, 0))).astype(np.float32)
+    assert view_brightness(shot, predicted) == pytest.approx(light, abs=0.02)
+    between = [LinearSystem.of(shot, predicted).solve()[2 * pair : 2 * pair + 2].sum() for pair in range(3)]
+    assert between == pytest.approx([2.0] * 3, abs=0.01)
+    errors = LinearSystem.of(shot, predicted).errors()
+    assert errors.shape == (6,)
+    assert 0 < errors.min() <= errors.max() < 0.02
+
+
 def test_black_views_and_measurements_without_a_usable_pixel_or_a_second_view_tell_none():
     views = views_of()
     shot = shot_of(views)

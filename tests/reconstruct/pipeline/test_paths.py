@@ -86,21 +86,6 @@ def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypa
     assert reconstruct(shot, settings).result.geometry.method == ("wide" if joins else "tracks")
 
 
-@pytest.mark.parametrize(("poses", "matched"), [("auto", True), ("tracks", False)])
-def test_beside_a_motion_without_tracks_features_are_matched_before_any_fit(shot, monkeypatch, poses, matched):
-    seen = []
-
-    def again(first, holdout, *_):
-        seen.append(holdout is first.holdout)
-        return replace(first, geometry=replace(first.geometry, source="wide"))
-
-    monkeypatch.setattr(observe, "needs_rest", lambda _: True)
-    monkeypatch.setattr(observe, "look_far_apart", again)
-    settings = replace(FIRST, look_again=True, poses=poses)
-    assert reconstruct(shot, settings).result.geometry.method == ("wide" if matched else "tracks")
-    assert seen == ([True] if matched else [])
-
-
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
     monkeypatch.setattr(race, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
@@ -115,7 +100,7 @@ def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     result = reconstruct(still, replace(FIRST, poses="auto")).result
     method = result.geometry.method
     assert result.geometry.asked_for == "auto"
-    assert method in ("tracks", "uniform")
+    assert method == "tracks"
     said = [note.sentence for note in result.notes]
     begins = f"Geometry from {method}. Residual of each source that was tried: the stage failed"
     assert any(note.startswith(begins) for note in said)

@@ -256,6 +256,13 @@ def test_a_unit_off_by_a_power_of_ten_is_found(bench, unit):
     assert np.allclose(found.as_given(found.shot.measurement) / unit, bench.shoot().measurement, atol=1e-4)
 
 
+def test_a_dark_scene_is_dark_if_its_unit_is_stated_and_readings_brighter_than_white_still_are_none(bench):
+    dark, bright = (replace(bench.shoot(unit=unit), provenance={"unit_stated": True}) for unit in (1e-3, 1e3))
+    assert register(dark).unit == 1.0
+    assert register(replace(dark, provenance={"unit_stated": False})).unit == pytest.approx(1e-3)
+    assert register(bright).unit == pytest.approx(1e3)
+
+
 def test_counts_keep_the_range_of_their_bits(bench):
     shot = bench.shoot(unit=4095.0)
     assert register(replace(shot, measurement=np.rint(shot.measurement))).unit == 4095.0

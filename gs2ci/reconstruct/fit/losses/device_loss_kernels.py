@@ -151,13 +151,16 @@ def sum_errors(error: Floats, apart: Floats, sums: wp.array(dtype=wp.vec2d)):
         sums[block] = both
 
 
-@wp.kernel
+@wp.kernel(module="unique", module_options=TILED)
 def find_loss(sums: wp.array(dtype=wp.vec2d), of_error: float64, of_unlike: float64, loss: Doubles):
-    """Weigh the two sums, by one thread."""
+    """Weigh the two sums, by one block."""
+    _block, lane = wp.tid()
     total = float64(0.0)
-    for block in range(sums.shape[0]):
+    for block in range(lane, sums.shape[0], wp.block_dim()):
         total += of_error * sums[block][0] + of_unlike * sums[block][1]
-    loss[0] = total
+    all_of_it = sum_of_block(total)
+    if lane == 0:
+        loss[0] = all_of_it
 
 
 ALL: Final[tuple[Any, ...]] = (*(find_error, filter_columns, compare, find_gradient, sum_errors, find_loss),)

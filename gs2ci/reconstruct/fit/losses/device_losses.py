@@ -91,4 +91,4 @@ class DataTermOnDevice:
             [gradient],
         )
         launch.blocks(loss_kernels.sum_errors, len(self._sums), int(kernels.SUMMED), [self._error, apart], [self._sums])
-        launch(loss_kernels.find_loss, 1, [self._sums, of_error, of_unlike], [loss])
+        launch.blocks(loss_kernels.find_loss, 1, int(kernels.SUMMED), [self._sums, of_error, of_unlike], [loss])

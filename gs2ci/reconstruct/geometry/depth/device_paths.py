@@ -1,9 +1,9 @@
-"""Paths of semi-global smoothing in Warp, one thread for each row or column. Never run on a GPU so far.
+"""Paths of semi-global smoothing in Warp, one block of threads for each row or column. Never run on a GPU so far.
 
 Here: one direction of them. Not here: what they compute and why (`kernels._walk`), the sweep (`device_sweep.py`).
 """
 
-from typing import Any
+from typing import Any, Final
 
 import torch
 import warp as wp
@@ -11,17 +11,18 @@ from torch import Tensor
 from warp import float32
 
 from gs2ci.reconstruct.geometry.depth import kernels
-from gs2ci.render.recording import Floats
+from gs2ci.render.recording import TILED, Floats, Launcher
 
-wp.set_module_options({"enable_backward": False})
 wp.init()
+
+THREADS: Final = 32
 
 SMALL_JUMP = wp.constant(float32(kernels.SMALL_JUMP))
 LARGE_JUMP = wp.constant(float32(kernels.LARGE_JUMP))
 FAR = wp.constant(float32(1e9))
 
 
-@wp.kernel
+@wp.kernel(module="unique", module_options=TILED)
 def walk(
     cost: Floats,
     length: int,
@@ -32,30 +33,34 @@ def walk(
     paths: Floats,
     total: Floats,
 ):
-    """Walk along one line, and add the cheapest way to each plane of each pixel to the total."""
-    line = wp.tid()
+    """Walk along one line, planes side by side, and add the cheapest way to each plane of each pixel to the total."""
+    line, lane = wp.tid()
     for i in range(length):
-        at = line * apart + i * step
+        along = i
         if backwards > 0:
-            at = line * apart + (length - 1 - i) * step
+            along = length - 1 - i
+        at = line * apart + along * step
         own = (2 * line + i % 2) * planes
         before = (2 * line + (i + 1) % 2) * planes
-        least = FAR
-        for d in range(planes):
-            least = wp.min(least, paths[before + d])
-        for d in range(planes):
+        mine = FAR
+        for d in range(lane, planes, wp.block_dim()):
+            mine = wp.min(mine, paths[before + d])
+        # Here all wait: what was written for the last pixel is read from now on, and what it read is written to.
+        least = wp.tile_min(wp.tile(mine))
+        lowest = least[0]
+        for d in range(lane, planes, wp.block_dim()):
             beside = FAR
             if d > 0:
                 beside = paths[before + d - 1]
             if d < planes - 1:
                 beside = wp.min(beside, paths[before + d + 1])
-            cheapest = wp.min(wp.min(paths[before + d], beside + SMALL_JUMP), least + LARGE_JUMP)
-            way = cost[at + d] + (cheapest - least)
+            cheapest = wp.min(wp.min(paths[before + d], beside + SMALL_JUMP), lowest + LARGE_JUMP)
+            way = cost[at + d] + (cheapest - lowest)
             paths[own + d] = way
             total[at + d] = total[at + d] + way
 
 
-ALL: tuple[Any, ...] = (walk,)
+ALL: Final[tuple[Any, ...]] = (walk,)
 """For counts and for compiling in advance."""
 
 
@@ -74,4 +79,4 @@ def add_paths(cost: Tensor, total: Tensor, lines: tuple[int, int, int, int], *, 
     paths = torch.zeros(2 * count * planes, device=cost.device)
     arrays = [wp.from_torch(one.view(-1)) for one in (cost, paths, total)]
     numbers = [length, planes, apart, step, int(backwards)]
-    wp.launch(walk, dim=count, inputs=[arrays[0], *numbers], outputs=arrays[1:], device=arrays[0].device)
+    Launcher(str(arrays[0].device.alias)).blocks(walk, count, THREADS, [arrays[0], *numbers], arrays[1:])

@@ -1,1 +1,1 @@
-"""Where a path may come from: tracks, files, matched features, displacements, a uniform motion, rest."""
+"""Where a path may come from: tracks, files, matched features, displacements, rest."""

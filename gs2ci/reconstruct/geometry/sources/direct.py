@@ -1,25 +1,20 @@
-"""Geometry without tracks: the path and the depths with the smallest residual of the measurement.
+"""Geometry without tracks: depths along given poses, with the smallest residual of the measurement.
 
 Tracks need points that can be followed from view to view. If decoded views are too poor for that, because of many masks
 or a plain scene, the measurement can still tell a right path from a wrong one: warped along the right path, the middle
-view explains the measurement clearly better than along the reversed path, by turning alone, or at rest. Here: the range
-of depths along given poses, and the uniform motion of a camera whose poses were not given. Not here: the residual
-(`evidence`), the sweep (`sweep`), when this is used (`sources`, `choose`).
+view explains the measurement clearly better than along the reversed path or at rest. Here: the range of depths along
+given poses. Not here: the residual (`evidence`), the sweep (`sweep`), when this is used (`sources`).
 
 Direct methods, in the sense of Irani and Anandan 1999: parameters are found from brightness itself, not from points.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
-from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.depth.sweep import features_of, reduced, sweep, sweep_features
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, flat_geometry
@@ -30,26 +25,12 @@ from gs2ci.reconstruct.geometry.prior import Request
 # Tried shifts of the nearest plane between the middle view and the farthest, as shares of the picture's longer side:
 # few views see what shifts by a third of it.
 _NEAREST: Final = (0.02, 0.04, 0.08, 0.16, 0.32)
-_NEAREST_AT_FIRST: Final = (0.04, 0.16)
-# The residual of a path must be at most this share of those of its reverse, of turning alone and of a camera at rest
-# (`python -m tests.benchmarks direct`).
+# The residual of a path must be at most this share of those of its reverse and of a camera at rest.
 _CLEARLY: Final = 0.98
 # Paths are compared by rough depth maps of so many planes, pixels and views, at so many pixels of the measurement.
 _ROUGH: Final = {"planes": 20, "most_pixels": 2_500}
 _ROUGH_VIEWS: Final = 7
 _ASKED_PIXELS: Final = 6_000
-# Starting directions of the search: eight sideways, forwards and backwards.
-_DIRECTIONS: Final = (
-    *((float(np.cos(angle)), float(np.sin(angle)), 0.0) for angle in np.arange(8) * np.pi / 4),
-    (0.0, 0.0, 1.0),
-    (0.0, 0.0, -1.0),
-)
-# First steps of the search: of the direction, and of the turn, in which 1 shifts the picture by its longer side.
-_DIRECTION_STEP: Final = 0.4
-_TURN_STEP: Final = 0.03
-MOST_TRIALS: Final = 100
-# The search ends when steps change neither the motion nor its residual by more than this.
-_SETTLED: Final = 1e-3
 
 
 class Direct:
@@ -90,92 +71,14 @@ class Direct:
         if farthest == 0:
             return None
         poses[:, :3, 3] *= self._reach / farthest
-        left, near = self._best(poses, _NEAREST)
-        if left >= _CLEARLY * min(self._still, self._best(_reversed(poses), _NEAREST)[0]):
+        left, near = self._best(poses)
+        if left >= _CLEARLY * min(self._still, self._best(_reversed(poses))[0]):
             return None
         return self._swept(poses, near)
 
-    def uniform(self) -> Geometry:
-        """Estimate the uniform motion: straight at constant speed, with a constant turning rate.
-
-        Returns:
-            The geometry; a camera that only turned, with the reason, if that explains about as much; a camera at rest,
-            "unsupported", if no motion explains clearly more, or there is only one view.
-        """
-        still = replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
-        if len(self._request.views) < 2:
-            return still
-        first = {way: self._best(self._motion(np.array(way)), _NEAREST_AT_FIRST) for way in _DIRECTIONS}
-        way = min(first, key=lambda one: first[one][0])
-        there, near = first[way]
-        back, _ = self._best(self._motion(-np.array(way)), _NEAREST_AT_FIRST)
-        turn, turned = self._turned()
-        if there < _CLEARLY * back:
-            motion, left = self._refined(np.array(way), near)
-            if left < _CLEARLY * min(self._still, turned):
-                found = self._swept(motion, self._best(motion, _NEAREST)[1])
-                return replace(found, path_notes=(finding(Code.UNIFORM_MOTION, share=left / self._still),))
-        if turned < _CLEARLY * self._still:
-            only_turned = replace(
-                self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict=Verdict.ROTATION_ONLY
-            )
-            return replace(only_turned, notes=(*only_turned.notes, finding(Code.UNIFORM_TURN), PLANE_NOTE))
-        return still
-
-    def _refined(self, way: F64, near: float) -> tuple[F64, float]:
-        """Search for the uniform motion near a direction; return its poses and their residual."""
-        across = np.linalg.svd(way[None])[2][1:]  # two directions at right angles to the first
-
-        def motion(change: F64) -> F64:
-            direction = way + change[:2] @ across
-            return self._motion(direction / np.linalg.norm(direction), change[2:])
-
-        steps = (_DIRECTION_STEP, _DIRECTION_STEP, _TURN_STEP, _TURN_STEP, _TURN_STEP)
-        change, left = self._search(lambda change: self._left(motion(change), near), steps)
-        return motion(change), left
-
-    def _turned(self) -> tuple[F64, float]:
-        """Search for the turn of a camera that stays in place; return it and its residual."""
-        still, place = self._at_rest, np.zeros(3)
-        return self._search(
-            lambda turn: self._evidence.left(replace(still, world_to_camera=self._motion(place, turn))),
-            (_TURN_STEP, _TURN_STEP, _TURN_STEP),
-        )
-
-    def _search(self, left: Callable[[F64], float], steps: tuple[float, ...]) -> tuple[F64, float]:
-        """Minimise from zero by Nelder and Mead's simplex, since the residual has steps, as planes of depth have."""
-        simplex = np.vstack([np.zeros(len(steps)), np.diag(steps)])
-        found = minimize(
-            left,
-            simplex[0],
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": simplex,
-                "maxfev": MOST_TRIALS,
-                "xatol": _SETTLED,
-                "fatol": _SETTLED * self._still,
-            },
-        )
-        return found.x, float(found.fun)
-
-    def _motion(self, direction: F64, turn: F64 | None = None) -> F64:
-        """Make the poses of a uniform motion, [N, 4, 4].
-
-        Args:
-            direction: Direction in which points move in the camera's frame, of length 1; zero for a camera that stays.
-            turn: Of the farthest view against the middle one, as a rotation vector divided by `_reach`.
-        """
-        views, reference = len(self._request.views), self._at_rest.reference
-        time = (np.arange(views) - reference) / max(reference, views - 1 - reference, 1)
-        poses = np.tile(np.eye(4), (views, 1, 1))
-        if turn is not None:
-            poses[:, :3, :3] = Rotation.from_rotvec(time[:, None] * turn * self._reach).as_matrix()
-        poses[:, :3, 3] = time[:, None] * direction * self._reach
-        return poses
-
-    def _best(self, poses: F64, nearest: tuple[float, ...]) -> tuple[float, float]:
+    def _best(self, poses: F64) -> tuple[float, float]:
         """Return the residual of the best of several ranges of depth, and its nearest plane."""
-        return min((self._left(poses, near), near) for near in nearest)
+        return min((self._left(poses, near), near) for near in _NEAREST)
 
     def _left(self, poses: F64, near: float) -> float:
         """Return the residual of poses with a rough map of their depths."""

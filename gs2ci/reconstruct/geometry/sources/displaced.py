@@ -35,7 +35,7 @@ from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, error_from_halve
 from gs2ci.reconstruct.geometry.path.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources.direct import MOST_TRIALS, at_rest
+from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.measurement.displacements import FIRST_ORDER_PX, BlockDisplacements, displacements, over_blocks
 from gs2ci.reconstruct.measurement.lens import straightened
 
@@ -147,7 +147,7 @@ class DisplacedBlocks:
             moved = found + np.diag(_DIFFERENCE * np.where(found < 0, -1, 1) * np.maximum(1, np.abs(found)))
             return ((errors(moved) - errors(found)) / (moved - found).sum(axis=1, keepdims=True)).T
 
-        found = least_squares(errors, start[free].ravel(), slopes, max_nfev=MOST_TRIALS, x_scale="jac").x
+        found = least_squares(errors, start[free].ravel(), slopes, max_nfev=100, x_scale="jac").x
         return BlockMotion(moves(found), *self._errors(moves(found))[1:])
 
     def _starts(self) -> list[F64]:

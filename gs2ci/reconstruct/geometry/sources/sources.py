@@ -1,6 +1,6 @@
-"""Sources of first poses that need no model: tracks, matches, displacements, the stage, a uniform motion, a file, rest.
+"""Sources of first poses that need no model: tracks, matches, displacements, the stage, a file, rest.
 
-Here: these seven. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+Here: these six. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
 (`initialise`).
 """
 
@@ -58,11 +58,6 @@ def _held(found: Geometry, error: float | None = None) -> Geometry:
     return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position))
 
 
-def from_uniform(request: Request, progress: Progress) -> Geometry:
-    """Find the uniform motion that explains the measurement best, without tracks."""
-    return uniform_motion(request, from_tracks(request, progress))
-
-
 def from_displacements(request: Request, progress: Progress) -> Geometry:
     """Find the motion that explains the displacements of blocks of the measurement."""
     found = displaced_motion(request, from_tracks(request, progress))
@@ -97,7 +92,7 @@ def from_wide(request: Request, progress: Progress) -> Geometry:
     if not found.has_path:
         raise GeometryError(
             "features matched between all pairs of views do not join them into one scene, or their depths disagree",
-            remedy="use another source: tracks, stage, uniform or file:PATH, or more light and fewer masks",
+            remedy="use another source: tracks, stage or file:PATH, or more light and fewer masks",
         )
     return found
 
@@ -129,11 +124,6 @@ def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) 
         GeometryError: pycolmap, which grows the scene, cannot be had on this machine.
     """
     return replace(wide_motion(request, tracks, tilted=tilted), source=PathSource.MATCHES)
-
-
-def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
-    """Estimate the uniform motion; of the tracks' geometry only the camera matrix and the middle view are used."""
-    return replace(Direct(request, tracks).uniform(), source=PathSource.UNIFORM)
 
 
 def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:

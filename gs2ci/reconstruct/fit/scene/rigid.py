@@ -1,0 +1,162 @@
+"""Rigid motions exp(xi) by numpy, and gradients by twists without a graph: of corrected poses, of poses within masks.
+
+Gradients by twists e applied after a pose, T -> exp(e) T, follow from the left Jacobian J of exp and from Ad, both
+power series of ad(rho, phi) = [[phi]x, [rho]x; 0, [phi]x] (Sola, Deray, Atchuthan 2018, eqs. 83, 144, 179). Their upper
+left blocks are the rotation exp(phi) and the matrix V of its translation, V rho.
+
+The poses at moments of masks are T_m = exp(d_m) T_n, where d_m = t v_n + t^2 c_n and the speed v_n and its change c_n
+are linear in the steps s_k = log(T_k+1 T_k^-1) before and after mask n: quadratic in time through the poses before and
+after; at both ends the acceleration is that of the next mask. With g_m the gradient by twists after them, that
+
+    by d_m: J(d_m)^T g_m,    by e_n: Ad(exp d_m)^T g_m,    by e_k+1 and e_k: J(s_k)^-T g, -J(-s_k)^-T g.
+
+The same by torch's graph took a sixth of a fit of small pictures; tests hold the two to each other. Here: that. Not
+here: the moments (`mask_moments.py`), steps of poses (`optimiser.poses`).
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.arrays import F32, F64, I64, Bool
+
+# A series ends where its terms are below this.
+_LEAST_TERM: Final = 1e-17
+_CROSSES: Final = np.cross(np.eye(3), np.eye(3)[:, None])
+"""The cross-product matrix of each axis, [3, 3, 3]."""
+
+
+class RigidMotions:
+    """The rigid motions exp(xi) of twists.
+
+    Args:
+        twists: Translation first, [V, 6].
+
+    Attributes:
+        matrices: Of the motions, [V, 4, 4].
+        jacobian: The left Jacobian of exp, [V, 6, 6].
+        adjoint: Of the motions, [V, 6, 6].
+    """
+
+    def __init__(self, twists: F64) -> None:
+        self.jacobian, self.adjoint = _series(twists)
+        self.matrices = np.tile(np.eye(4), (len(twists), 1, 1))
+        self.matrices[:, :3, :3] = self.adjoint[:, :3, :3]
+        self.matrices[:, :3, 3:] = self.jacobian[:, :3, :3] @ twists[:, :3, None]
+
+    def by_twists(self, poses: F64, gradient: F64) -> F64:
+        """Return the gradient by the twists, [V, 6], given that by the poses that these motions lead to, [V, 4, 4]."""
+        return _transposed(self.jacobian, _by_twists(poses, gradient))
+
+
+class MomentsOfPath:
+    """The poses at the moments of all masks.
+
+    Args:
+        world_to_camera: In the middle of each mask, [N, 4, 4], N at least 2.
+        offsets: Times of the moments from the middle of the mask, in intervals between masks, [V].
+        of_mask: The mask of each, [V].
+        alone: Whether it is the only one of its mask, which keeps its pose to the bit, [V].
+
+    Attributes:
+        poses: [V, 4, 4] float32.
+        exact: The same in float64, those of masks with one moment as well.
+    """
+
+    def __init__(self, world_to_camera: F32 | F64, offsets: F64, of_mask: I64, alone: Bool) -> None:
+        self._path, self._offsets, self._of_mask = world_to_camera.astype(np.float64), offsets, of_mask
+        self._steps = _log(self._path[1:] @ np.linalg.inv(self._path[:-1]))
+        before, after = np.zeros((2, len(world_to_camera), 6))
+        before[1:] = after[:-1] = self._steps
+        ends = self._steps[[0, -1]] if len(self._steps) == 1 else 2 * self._steps[[0, -1]] - self._steps[[1, -2]]
+        before[0], after[-1] = ends
+        speed, change, when = (after + before) / 2, (after - before) / 2, offsets[:, None]
+        twists = when * speed[of_mask] + when**2 * change[of_mask]
+        self._motions = RigidMotions(twists)
+        self.exact = self._motions.matrices @ self._path[of_mask]
+        self.poses = self.exact.astype(np.float32)
+        self.poses[alone] = world_to_camera[of_mask[alone]]
+
+    def by_path(self, by_moments: F32) -> F32:
+        """Return the gradient by the masks' poses, [N, 4, 4]: its parts along rigid motions, which alone matter.
+
+        Args:
+            by_moments: The gradient by the poses at the moments, [V, 4, 4].
+        """
+        count, when = len(self._path), self._offsets[:, None]
+        own = _by_twists(self.exact, by_moments.astype(np.float64))
+        along = _transposed(self._motions.jacobian, own)
+        by_pose, by_speed, by_change = np.zeros((3, count, 6))
+        np.add.at(by_pose, self._of_mask, _transposed(self._motions.adjoint, own))
+        np.add.at(by_speed, self._of_mask, when * along)
+        np.add.at(by_change, self._of_mask, when**2 * along)
+        by_steps = _by_steps((by_speed - by_change) / 2, (by_speed + by_change) / 2)
+        both = np.linalg.inv(_series(np.concatenate([self._steps, -self._steps]))[0]).astype(np.float64, copy=False)
+        by_pose[1:] += _transposed(both[: count - 1], by_steps)
+        by_pose[:-1] -= _transposed(both[count - 1 :], by_steps)
+        return _by_poses(self._path, by_pose)
+
+
+def _log(motions: F64) -> F64:
+    """Return the twists of rigid motions, [K, 4, 4], [K, 6]."""
+    turns: F64 = np.zeros((len(motions), 6))
+    turns[:, 3:] = Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()
+    turns[:, :3] = np.linalg.solve(_series(turns)[0][:, :3, :3], motions[:, :3, 3:])[..., 0]
+    return turns
+
+
+def _by_steps(by_before: F64, by_after: F64) -> F64:
+    """Return the gradient by the steps, [N - 1, 6], given those by the steps before and after each mask, [N, 6].
+
+    At both ends the missing step continues the acceleration of the next mask.
+    """
+    found: F64 = by_before[1:] + by_after[:-1]
+    first, last = by_before[0], by_after[-1]
+    if len(found) == 1:
+        found += first + last
+        return found
+    found[0] += 2 * first
+    found[1] -= first
+    found[-1] += 2 * last
+    found[-2] -= last
+    return found
+
+
+def _by_twists(poses: F64, gradient: F64) -> F64:
+    """Return the gradient by twists after poses, [V, 6], given that by the poses, [V, 4, 4]."""
+    turning = np.cross(poses[:, :3], gradient[:, :3], axis=1).sum(axis=2)
+    return np.concatenate([gradient[:, :3, 3], turning], axis=1)
+
+
+def _by_poses(poses: F64, by_twists: F64) -> F32:
+    """Return a gradient by poses, [N, 4, 4], that has given ones by twists after them, [N, 6]."""
+    found = np.zeros(poses.shape, np.float32)
+    found[:, :3, 3] = by_twists[:, :3]
+    turning = by_twists[:, 3:] - np.cross(poses[:, :3, 3], by_twists[:, :3])
+    found[:, :3, :3] = 0.5 * np.cross(turning[:, :, None], poses[:, :3, :3], axis=1)
+    return found
+
+
+def _series(twists: F64) -> tuple[F64, F64]:
+    """Return the left Jacobian of exp at twists, and the adjoint of exp, [V, 6, 6] each."""
+    commutator = np.zeros((len(twists), 6, 6))
+    commutator[:, :3, :3] = commutator[:, 3:, 3:] = np.tensordot(twists[:, 3:], _CROSSES, 1)
+    commutator[:, :3, 3:] = np.tensordot(twists[:, :3], _CROSSES, 1)
+    power = np.broadcast_to(np.eye(6), commutator.shape)
+    jacobian, adjoint = power.copy(), power.copy()
+    angle, largest, k = float(np.linalg.norm(twists[:, 3:], axis=1).max()), 1.0, 0
+    while largest > _LEAST_TERM:
+        k += 1
+        power = power @ commutator / k
+        adjoint += power
+        jacobian += power / (k + 1)
+        largest = max(angle, _LEAST_TERM) ** (k - 1) / math.factorial(k - 1)
+    return jacobian, adjoint
+
+
+def _transposed(matrices: F64, vectors: F64) -> F64:
+    """Return the products of transposed matrices, [V, 6, 6], and vectors, [V, 6]."""
+    found: F64 = (vectors[:, None] @ matrices)[:, 0]
+    return found
