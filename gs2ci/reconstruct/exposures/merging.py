@@ -131,8 +131,7 @@ def _about_colours(shot: Shot, summary: ExposureSection) -> F64:
     """Return the information of each view about a colour, [N]: mean square of its mask's light over that of errors."""
     light = np.square(shot.weights.astype(np.float64)) * np.square(shot.masks).mean(axis=(1, 2), dtype=np.float64)
     rms = summary.heldout_rms.of(summary.verdict)
-    found: F64 = light / rms**2 if rms else light
-    return found
+    return light / rms**2 if rms else light
 
 
 def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding, ...]:
@@ -152,8 +151,8 @@ def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding,
 
 def _verdict(parts: Sequence[RunResult]) -> Verdict:
     """Return the verdict that all share, or that their views are combinations."""
-    first, *others = (one.verdict for one in parts)
-    return first if all(one == first for one in others) else "refined"
+    found = {one.verdict for one in parts}
+    return found.pop() if len(found) == 1 else "refined"
 
 
 def _rms(figures: Sequence[float | None]) -> float | None:
