@@ -15,15 +15,12 @@ from gs2ci.rig.simulated import SimulatedBench
 from gs2ci_calibration.bench import Bench
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
-from gs2ci_sims.effects.dark_current import DarkCurrent
-from gs2ci_sims.effects.dsnu import Dsnu
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.hot_pixels import HotPixels
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.mask_edges import MaskEdges
-from gs2ci_sims.effects.modulator_psf import ModulatorPsf
-from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.effects.charges import DarkCurrent
+from gs2ci_sims.effects.masks import MaskEdges
+from gs2ci_sims.effects.noises import Dsnu, HotPixels, Prnu
+from gs2ci_sims.effects.photons import ModulatorPsf
+from gs2ci_sims.effects.readout import GainNonlinearity
+from gs2ci_sims.effects.views import LensDistortion, Vignetting
 from gs2ci_sims.rig import RigFigures as SimulatedRig
 from gs2ci_sims.wires.genicam import GenicamModel
 from gs2ci_sims.wires.v4l2_camera import CameraModel

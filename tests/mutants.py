@@ -28,12 +28,12 @@ FILES = (
     "calibration/gs2ci_calibration/geometry/axes.py",
     "drivers/gs2ci_drivers/dlpc900/erle.py",
     "gs2ci/evaluate/cameras.py",
-    "gs2ci/reconstruct/decode/patches/heldout_noise.py",
+    "gs2ci/reconstruct/decode/patches/within_time.py",
     "gs2ci/reconstruct/fit/scene/smear.py",
     "gs2ci/reconstruct/geometry/sources/wide.py",
     "gs2ci/reconstruct/registration/field.py",
     "gs2ci/reconstruct/registration/sharpen.py",
-    "sims/gs2ci_sims/effects/lens_distortion.py",
+    "sims/gs2ci_sims/effects/views.py",
 )
 EACH = 10
 LIBRARIES = ("numpy", "scipy.ndimage", "scipy.stats", "cv2", "torch", "numba", "hypothesis", "h5py", "skimage", "tyro")

@@ -21,9 +21,8 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.decode_folder import Decoded
 from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DENOISER_NAMES, DecodeMethod
-from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, with_iterations
 from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play

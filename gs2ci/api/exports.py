@@ -8,9 +8,8 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
 
@@ -28,29 +27,6 @@ if TYPE_CHECKING:
 ExportFormat = Literal[
     "ply", "spz", "sog", "glb", "colmap", "nerfstudio", "instant-ngp", "depth-png", "depth-exr", "nexus", "gif", "mp4"
 ]
-# Name of the output if none is given, inside the folder if one is.
-NAMES: Final[dict[ExportFormat, str]] = {
-    "ply": "scene.ply",
-    "spz": "scene.spz",
-    "sog": "scene.sog",
-    "glb": "scene.glb",
-    "colmap": "colmap",
-    "nerfstudio": "nerfstudio",
-    "instant-ngp": "instant-ngp",
-    "depth-png": "depth-png",
-    "depth-exr": "depth-exr",
-    "nexus": "run.nxs",
-    "gif": "orbit.gif",
-    "mp4": "orbit.mp4",
-}
-# Of the exports that are folders, every file by its path inside; a folder that holds another one is no such export.
-_FILES: Final[dict[str, str]] = {
-    "colmap": r"sparse/0/\w+\.(bin|txt)|images/view_\d+\.png",
-    "nerfstudio": r"transforms\.json|points\.ply|views/view_\d+\.png|depth/depth_\d+\.npy",
-    "instant-ngp": r"transforms\.json|views/view_\d+\.png",
-    "depth-png": r"depth\.json|depth_\d+\.png",
-    "depth-exr": r"depth_\d+\.exr",
-}
 
 
 def export(
@@ -97,16 +73,17 @@ def export(
     opened = run if isinstance(run, Run) else open_run(run)
     if opened.folder is None:
         raise InputError("the run has no folder yet", remedy="call save() first")
-    target = Path(NAMES[to] if path is None else path)
-    endings = {Path(name).suffix for name in NAMES.values()} - {"", Path(NAMES[to]).suffix}
+    form = FORMATS[to]
+    target = Path(form.name if path is None else path)
+    endings = {Path(other.name).suffix for other in FORMATS.values()} - {"", Path(form.name).suffix}
     if target.suffix in endings:
         raise InputError(
-            f"--to {to} into {target}", allowed=f"a name like {NAMES[to]}", remedy="change --to, or the name after -o"
+            f"--to {to} into {target}", allowed=f"a name like {form.name}", remedy="change --to, or the name after -o"
         )
-    check_free(target, opened, _FILES.get(to), overwrite=overwrite)
+    check_free(target, opened, form.files, overwrite=overwrite)
     told = Silent() if progress is None else progress
-    options = _Options(as_fitted=as_fitted, f_rest=f_rest, spz_version=spz_version, say=told.say)
-    return write_to(target, _WRITERS[to](opened, opened.folder, options))
+    asked = _Asked(opened, opened.folder, as_fitted=as_fitted, f_rest=f_rest, spz_version=spz_version, say=told.say)
+    return write_to(target, form.writer(asked))
 
 
 # Where Gaussians far away leave a format's grid too coarse for the rest, they are brought to so many typical distances,
@@ -172,54 +149,69 @@ _Write = Callable[[Path], object]
 
 
 @dataclass(frozen=True)
-class _Options:
-    """What some formats can be told, and where they say what they changed."""
+class _Asked:
+    """A run and its folder, what some formats can be told, and where they say what they changed."""
 
+    run: Run
+    folder: Path
     as_fitted: bool
     f_rest: bool
     spz_version: Literal[2, 3]
     say: Callable[[str], None]
 
+    @property
+    def depth(self) -> "F32 | None":
+        """Get the depth; None if the run has none, or no camera path to measure it by."""
+        return None if self.run.report.lacks_path else self.run.depth
 
-def _scene_to_show(run: Run, options: _Options) -> "Gaussians":
-    """Return the Gaussians as a file for viewers holds them."""
-    if options.as_fitted:
-        return run.scene
-    import torch
+    def scene_to_show(self) -> "Gaussians":
+        """Return the Gaussians as a file for viewers holds them."""
+        if self.as_fitted:
+            return self.run.scene
+        import torch
 
-    from gs2ci.evaluate.exports.for_viewers import for_viewers
+        from gs2ci.evaluate.exports.for_viewers import for_viewers
 
-    height, width = run.views.shape[1:3]
-    path, intrinsics = torch.from_numpy(run.path), torch.from_numpy(run.intrinsics)
-    found = for_viewers(run.scene, path, intrinsics, (int(height), int(width)))
-    options.say(found.sentence)
-    return found.scene
+        height, width = self.run.views.shape[1:3]
+        path, intrinsics = torch.from_numpy(self.run.path), torch.from_numpy(self.run.intrinsics)
+        found = for_viewers(self.run.scene, path, intrinsics, (int(height), int(width)))
+        self.say(found.sentence)
+        return found.scene
+
+    def write_views(self, path: Path) -> dict[str, Any]:
+        """Make a folder that holds the views; return the transforms that belong to them."""
+        from gs2ci.evaluate.whole_folder import write_pictures
+
+        transforms: dict[str, Any] = json.loads((self.folder / "cameras.json").read_text(encoding="utf-8"))
+        path.mkdir()
+        write_pictures(path / "views", self.run.views)
+        return transforms
 
 
-def _ply(run: Run, folder: Path, options: _Options) -> _Write:
+def _ply(asked: _Asked) -> _Write:
     from gs2ci.render.harmonics import DEGREE_MAX
     from gs2ci.render.ply import read_ply, write_ply
 
-    read_ply(folder / "scene.ply")  # a damaged scene is refused, not copied
-    if options.as_fitted and not options.f_rest:
-        return lambda path: shutil.copyfile(folder / "scene.ply", path)
-    scene = _scene_to_show(run, options)
-    return lambda path: write_ply(path, scene, degree=DEGREE_MAX if options.f_rest else 0)
+    read_ply(asked.folder / "scene.ply")  # a damaged scene is refused, not copied
+    if asked.as_fitted and not asked.f_rest:
+        return lambda path: shutil.copyfile(asked.folder / "scene.ply", path)
+    scene = asked.scene_to_show()
+    return lambda path: write_ply(path, scene, degree=DEGREE_MAX if asked.f_rest else 0)
 
 
-def _spz(run: Run, folder: Path, options: _Options) -> _Write:
+def _spz(asked: _Asked) -> _Write:
     from gs2ci.render.spz import write_spz
 
-    scene, scale = _for_spz(_scene_to_show(run, options), run, options)
+    scene, scale = _for_spz(asked)
     if scale != 1:
-        options.say(
+        asked.say(
             f"SPZ cannot hold these lengths: all of the file's are {scale:g} times those of the run. Divide by that to "
-            f"have {run.report.length_unit}, or export ply, sog or glb."
+            f"have {asked.run.report.length_unit}, or export ply, sog or glb."
         )
-    return lambda path: write_spz(path, scene, version=options.spz_version, scale=scale)
+    return lambda path: write_spz(path, scene, version=asked.spz_version, scale=scale)
 
 
-def _for_spz(scene: "Gaussians", run: Run, options: _Options) -> "tuple[Gaussians, float]":
+def _for_spz(asked: _Asked) -> "tuple[Gaussians, float]":
     """Return a scene that SPZ holds under a scale, and the scale.
 
     Raises:
@@ -230,141 +222,160 @@ def _for_spz(scene: "Gaussians", run: Run, options: _Options) -> "tuple[Gaussian
     from gs2ci.evaluate.exports.for_viewers import brought_nearer
     from gs2ci.render.spz import fitting_scale
 
+    scene = asked.scene_to_show()
     found, count = scene, 0
     for distances in _SPZ_DISTANCES:
         try:
             scale = fitting_scale(found)
             break
         except InputError:
-            found, count = brought_nearer(scene, torch.from_numpy(run.path), distances)
+            found, count = brought_nearer(scene, torch.from_numpy(asked.run.path), distances)
     else:
         scale = fitting_scale(found)
     if count:
-        options.say(
+        asked.say(
             f"{count} of {len(scene)} Gaussians lie so much farther away than the rest that SPZ's grid of places does "
             "not reach them: in the file they are nearer, and smaller by as much, so that they look the same."
         )
     return found, scale
 
 
-def _sog(run: Run, folder: Path, options: _Options) -> _Write:
+def _sog(asked: _Asked) -> _Write:
     from gs2ci.render.sog import write_sog
 
-    scene = _scene_to_show(run, options)
+    scene = asked.scene_to_show()
     return lambda path: write_sog(path, scene)
 
 
-def _glb(run: Run, folder: Path, options: _Options) -> _Write:
+def _glb(asked: _Asked) -> _Write:
     from gs2ci.render.glb import write_glb
 
-    scene = _scene_to_show(run, options)
-    return lambda path: write_glb(path, scene, metres_per_unit=_METRES.get(run.report.length_unit))
+    scene = asked.scene_to_show()
+    return lambda path: write_glb(path, scene, metres_per_unit=_METRES.get(asked.run.report.length_unit))
 
 
-def _colmap(run: Run, folder: Path, options: _Options) -> _Write:
+def _colmap(asked: _Asked) -> _Write:
     from gs2ci.evaluate.whole_folder import write_pictures
 
     def write(path: Path) -> None:
         model = path / "sparse" / "0"
         model.mkdir(parents=True)
-        for file in (folder / "colmap" / "sparse" / "0").iterdir():  # the error of `copytree` is a list of all files
+        own = asked.folder / "colmap" / "sparse" / "0"
+        for file in own.iterdir():  # the error of `copytree` is a list of all files
             shutil.copyfile(file, model / file.name)
-        write_pictures(path / "images", run.views)
+        write_pictures(path / "images", asked.run.views)
 
     return write
 
 
-def _nerfstudio(run: Run, folder: Path, options: _Options) -> _Write:
+def _nerfstudio(asked: _Asked) -> _Write:
     from gs2ci.evaluate.cameras import split_of
     from gs2ci.evaluate.exports.depth_files import write_nerfstudio_depth
-    from gs2ci.evaluate.whole_folder import write_pictures
-
-    depth = None if run.report.lacks_path else run.depth
 
     def write(path: Path) -> None:
-        transforms = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
-        path.mkdir()
-        write_pictures(path / "views", run.views)
-        if (folder / "points.ply").is_file():
-            shutil.copyfile(folder / "points.ply", path / "points.ply")
+        transforms = asked.write_views(path)
+        if (asked.folder / "points.ply").is_file():
+            shutil.copyfile(asked.folder / "points.ply", path / "points.ply")
             transforms["ply_file_path"] = "points.ply"
-        if depth is not None:
-            for frame, name in zip(transforms["frames"], write_nerfstudio_depth(path, depth), strict=True):
+        if asked.depth is not None:
+            for frame, name in zip(transforms["frames"], write_nerfstudio_depth(path, asked.depth), strict=True):
                 frame["depth_file_path"] = name
         transforms |= split_of([frame["file_path"] for frame in transforms["frames"]])
-        (path / "transforms.json").write_text(json.dumps(transforms, indent=1), encoding="utf-8")
+        _write_transforms(path, transforms)
 
     return write
 
 
-def _instant_ngp(run: Run, folder: Path, options: _Options) -> _Write:
+def _instant_ngp(asked: _Asked) -> _Write:
     from gs2ci.evaluate.cameras import ngp_box
     from gs2ci.evaluate.points import surface_points
-    from gs2ci.evaluate.whole_folder import write_pictures
 
-    depth = None if run.report.lacks_path else run.depth
+    run, depth = asked.run, asked.depth
     points = np.zeros((0, 3)) if depth is None else surface_points(depth, _cameras(run), run.depth_confidence)
     box = ngp_box(points, run.path)
     if run.distortion is not None and run.distortion[4] != 0:
-        options.say(f"instant-ngp knows no k3; that of this lens, {run.distortion[4]:.3g}, is left out.")
+        asked.say(f"instant-ngp knows no k3; that of this lens, {run.distortion[4]:.3g}, is left out.")
 
     def write(path: Path) -> None:
-        transforms = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
-        path.mkdir()
-        write_pictures(path / "views", run.views)
+        transforms = asked.write_views(path)
         del transforms["camera_model"], transforms["k3"]
-        (path / "transforms.json").write_text(json.dumps({**box, **transforms}, indent=1), encoding="utf-8")
+        _write_transforms(path, {**box, **transforms})
 
     return write
 
 
-def _depth_png(run: Run, folder: Path, options: _Options) -> _Write:
+def _write_transforms(folder: Path, transforms: dict[str, Any]) -> None:
+    (folder / "transforms.json").write_text(json.dumps(transforms, indent=1), encoding="utf-8")
+
+
+def _depth_png(asked: _Asked) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_png
 
-    return _into_a_folder(partial(write_depth_png, unit=run.report.length_unit), _depth(run))
+    return _into_a_folder(write_depth_png, asked)
 
 
-def _depth_exr(run: Run, folder: Path, options: _Options) -> _Write:
+def _depth_exr(asked: _Asked) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_exr
 
-    return _into_a_folder(partial(write_depth_exr, unit=run.report.length_unit), _depth(run))
+    return _into_a_folder(write_depth_exr, asked)
 
 
-def _nexus(run: Run, folder: Path, options: _Options) -> _Write:
+def _into_a_folder(write_files: Callable[..., object], asked: _Asked) -> _Write:
+    depth = _depth(asked.run)
+
+    def write(path: Path) -> None:
+        path.mkdir()
+        write_files(path, depth, unit=asked.run.report.length_unit)
+
+    return write
+
+
+def _nexus(asked: _Asked) -> _Write:
     from gs2ci.evaluate.exports.nexus import write_nexus
 
-    depth = None if run.report.lacks_path else run.depth
+    run, depth = asked.run, asked.depth
     return lambda path: write_nexus(path, run.report, run.views, depth, _cameras(run))
 
 
-def _into_a_folder(write_files: "Callable[[Path, F32], object]", depth: "F32") -> _Write:
-    def write(path: Path) -> None:
-        path.mkdir()
-        write_files(path, depth)
-
-    return write
-
-
-def _film(run: Run, folder: Path, options: _Options) -> _Write:
+def _film(asked: _Asked) -> _Write:
     from gs2ci.evaluate.exports.orbit import write_film
 
-    frames = orbit(run)
+    frames = orbit(asked.run)
     return lambda path: write_film(path, frames)
 
 
-_WRITERS: Final[dict[ExportFormat, Callable[[Run, Path, _Options], _Write]]] = {
-    "ply": _ply,
-    "spz": _spz,
-    "sog": _sog,
-    "glb": _glb,
-    "colmap": _colmap,
-    "nerfstudio": _nerfstudio,
-    "instant-ngp": _instant_ngp,
-    "depth-png": _depth_png,
-    "depth-exr": _depth_exr,
-    "nexus": _nexus,
-    "gif": _film,
-    "mp4": _film,
+@dataclass(frozen=True)
+class _Format:
+    """A format of exports.
+
+    Args:
+        name: Of the output if none is given, inside the folder if one is.
+        writer: Checks a run and prepares it; returns what writes the output.
+        files: Of a folder, the pattern of every file's path inside; one that holds another file is no such export.
+    """
+
+    name: str
+    writer: Callable[[_Asked], _Write]
+    files: str | None = None
+
+
+FORMATS: Final[dict[ExportFormat, _Format]] = {
+    "ply": _Format("scene.ply", _ply),
+    "spz": _Format("scene.spz", _spz),
+    "sog": _Format("scene.sog", _sog),
+    "glb": _Format("scene.glb", _glb),
+    "colmap": _Format("colmap", _colmap, r"sparse/0/\w+\.(bin|txt)|images/view_\d+\.png"),
+    "nerfstudio": _Format(
+        "nerfstudio",
+        _nerfstudio,
+        r"transforms\.json|points\.ply|views/view_\d+\.png|depth/depth_\d+\.npy",
+    ),
+    "instant-ngp": _Format("instant-ngp", _instant_ngp, r"transforms\.json|views/view_\d+\.png"),
+    "depth-png": _Format("depth-png", _depth_png, r"depth\.json|depth_\d+\.png"),
+    "depth-exr": _Format("depth-exr", _depth_exr, r"depth_\d+\.exr"),
+    "nexus": _Format("run.nxs", _nexus),
+    "gif": _Format("orbit.gif", _film),
+    "mp4": _Format("orbit.mp4", _film),
 }
 
 

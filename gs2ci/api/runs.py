@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.api.display import in_notebook
 from gs2ci.api.options import as_path, check_whole
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError, StorageError, reason_with_file
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 
@@ -294,30 +295,27 @@ def open_run(folder: str | Path) -> Run:
         >>> gs2ci.open_run("run").report.name
         'measurement'
     """
-    from gs2ci.evaluate.evaluation import read_run
+    from gs2ci.evaluate.pages.run_evidence import read_run
 
     folder = as_path(folder, of="a run folder", remedy=FOLDER_REMEDY)
     found = read_run(folder)
-    channels = found.report.channels
-    try:
-        others = {name: np.load(folder / f"{name}.npy") for name in ("decode", "scene_views")}
-    except Exception as error:  # as in `read_run`
-        raise StorageError(
-            f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
-        ) from error
-    # A mono run's files hold three equal channels.
+    channels = found.report.channels  # a mono run's files hold three equal ones
+
+    def copied(values: NDArray[Any] | None) -> F32 | None:
+        return None if values is None else np.array(values)
+
     return Run(
-        views=found.views[..., :channels],
+        views=np.array(found.views[..., :channels]),
         path=found.world_to_camera,
         intrinsics=found.intrinsics,
         distortion=found.distortion,
-        decode=others["decode"][..., :channels],
-        scene_views=others["scene_views"][..., :channels],
-        depth=found.depth,
-        depth_spread=found.depth_spread,
-        depth_confidence=found.depth_confidence,
-        views_error=found.views_error,
-        depth_error=found.depth_error,
+        decode=np.array(found.decode[..., :channels]),
+        scene_views=np.array(found.scene_views[..., :channels]),
+        depth=copied(found.depth),
+        depth_spread=copied(found.depth_spread),
+        depth_confidence=copied(found.depth_confidence),
+        views_error=copied(found.views_error),
+        depth_error=copied(found.depth_error),
         folder=folder,
     )
 

@@ -15,8 +15,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 
 if TYPE_CHECKING:
-    from gs2ci.evaluate.evaluation import FinishedRun
     from gs2ci.evaluate.measuring import Length
+    from gs2ci.evaluate.pages.run_evidence import FinishedRun
 
 # Larger than for any sensor; their squares and quotients remain finite.
 READ_NOISE_RANGE: Final = (1e-9, 1e3)
@@ -68,9 +68,9 @@ def evaluate(
         check_whole("--index", index, 0)
     from gs2ci.core.summed import summed
     from gs2ci.evaluate import evaluation
-    from gs2ci.evaluate.noise import SensorNoise
+    from gs2ci.evaluate.evaluation import exposures_of
+    from gs2ci.evaluate.metrics import SensorNoise
     from gs2ci.evaluate.novel_views import read_novel_views
-    from gs2ci.evaluate.of_exposures import exposures_of
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.reconstruct.paper import perceptual
 
@@ -136,7 +136,7 @@ def measure(
         (True, 'scene units')
     """
     from gs2ci.evaluate import measuring
-    from gs2ci.evaluate.evaluation import FinishedRun
+    from gs2ci.evaluate.pages.run_evidence import FinishedRun
 
     finished = run if isinstance(run, FinishedRun) else finished_run(run)
     check_whole("--view", view, 1, finished.report.views)
@@ -155,7 +155,7 @@ def finished_run(run: Run | str | Path) -> "FinishedRun":
     Raises:
         StorageError: It was not saved, or its folder is damaged.
     """
-    from gs2ci.evaluate.evaluation import read_run
+    from gs2ci.evaluate.pages.run_evidence import read_run
 
     return read_run(folder_of(run))
 

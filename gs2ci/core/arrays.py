@@ -1,4 +1,4 @@
-"""Short names for types of arrays; shapes and units are in the docstrings that use them. Tensors read by numpy."""
+"""Short names for types of arrays, whose shapes and units are told where they are used; tensors read by numpy; rms."""
 
 from typing import Any
 
@@ -18,3 +18,8 @@ Bool = NDArray[np.bool_]
 def on_host(given: Any) -> Any:
     """Return a tensor without its graph and in the host's memory, as numpy reads it; anything else as it is."""
     return given.detach().cpu() if hasattr(given, "detach") else given
+
+
+def rms_of(values: F32 | F64) -> float:
+    """Return the root mean square of numbers, at least one."""
+    return float(np.sqrt(np.square(values).mean()))

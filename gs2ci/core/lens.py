@@ -6,7 +6,7 @@ With x = X/Z and y = Y/Z the slopes of a ray, r² = x² + y² and coefficients k
     y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
 in the same unit, of which the camera matrix makes pixels (Brown, Photogrammetric Engineering 32 (1966) 444; OpenCV,
-"Camera Calibration and 3D Reconstruction"). Here: this map, its inverse, the check. Not here: pictures
+"Camera Calibration and 3D Reconstruction"). Here: this map, its inverse, rays of pixels, the check. Not here: pictures
 (`gs2ci.reconstruct.measurement.lens`), measuring the coefficients (`gs2ci_calibration`).
 """
 
@@ -93,6 +93,29 @@ def slopes_of(pixels: F64, intrinsics: F64) -> F64:
 def pixels_of(slopes: F64, intrinsics: F64) -> F64:
     """Turn slopes, [..., 2] as (x, y), into pixels of a pinhole camera, [..., 2]."""
     return slopes * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
+
+
+def pixel_centres(size: tuple[int, ...]) -> F64:
+    """List the pixel centres of an image of a height and width as (x, y), [H, W, 2]."""
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    return np.stack([columns, rows], axis=-1)
+
+
+def rays_of(pixels: F64, intrinsics: F64, distortion: F64 | None = None) -> F64:
+    """Return the rays of pixels, [..., 2] as (x, y), in the camera's axes at z = 1, [..., 3]; no distortion: a pinhole.
+
+    Raises:
+        InputError: The picture folds between the axis and such a pixel.
+    """
+    slopes = slopes_of(pixels, intrinsics)
+    if distortion is not None:
+        slopes = undistorted(slopes, distortion)
+    return np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
+
+
+def places_of(slopes: F64, intrinsics: F64, distortion: F64 | None = None) -> F64:
+    """Return where a sensor sees rays of slopes, [..., 2] as (x, y): pixels, [..., 2]; no distortion: a pinhole."""
+    return pixels_of(slopes if distortion is None else distorted(slopes, distortion), intrinsics)
 
 
 def _jacobian(slopes: F64, coefficients: F64) -> tuple[F64, F64, F64]:

@@ -8,7 +8,6 @@
 Not here: decoding.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.json_text import as_json
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import environment
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
@@ -72,7 +72,7 @@ def write_decoded(folder: Path, decoded: Sequence[Decoded], *, overwrite: bool =
     with whole_folder(Path(folder), overwrite=overwrite, schema=SCHEMA) as partial:
         np.save(partial / "views.npy", views.astype(np.float32, copy=False))
         write_pictures(partial / "views", views)
-        (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        (partial / REPORT_NAME).write_text(as_json(report), encoding="utf-8")
     return report
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, rms_of
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.ranks import rank_correlation
@@ -98,7 +98,7 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
         scale=scale,
         abs_rel=float(np.mean(np.abs(error) / true)),
         median_rel=float(np.median(np.abs(error) / true)),
-        rms=float(np.sqrt(np.mean(error**2))),
+        rms=rms_of(error),
         close_share=float(np.mean(ratio < _CLOSE_RATIO)),
         known_share=float(both.sum() / wanted.sum()),
         rank=rank_correlation(found, true) if varied else None,

@@ -1,10 +1,10 @@
 """Evaluating a finished run: by a truth given afterwards, by the sensor's noise, by views from other poses.
 
-Here: which figures follow from which files. Not here: the metrics (one file each), the run's own report
-(`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
+Here: which figures follow from which data, and which of several shots belongs to which views of a joint run. Not here:
+the metrics (one file each), the run's own report (`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
 """
 
-import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,20 +13,17 @@ from typing import Any, Final
 import numpy as np
 import torch
 
-from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_with_file
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.json_text import parse_json, plain_json
-from gs2ci.core.lens import COEFFICIENTS
+from gs2ci.core.json_text import as_json, plain_json
 from gs2ci.core.records import Shot
-from gs2ci.core.storage import read_shot
 from gs2ci.core.whole_file import check_earlier, write_whole
-from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors, parallax_of
-from gs2ci.evaluate.metrics import image_scores, measurement_residual
-from gs2ci.evaluate.noise import SensorNoise, chi_squared_per_pixel
+from gs2ci.evaluate.metrics import SensorNoise, chi_squared_per_pixel, image_scores, measurement_residual
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import EXPOSED_NAME, REGISTERED_NAME, MeasurementSection, Report, read_report
+from gs2ci.evaluate.pages.run_evidence import FinishedRun
+from gs2ci.evaluate.report import MeasurementSection, Report
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -39,41 +36,6 @@ SAME_SCALE: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class FinishedRun:
-    """The contents of a run folder, read back.
-
-    Args:
-        report: Its report.
-        views: Recovered, [N, H, W, 3].
-        world_to_camera: [N, 4, 4].
-        intrinsics: [3, 3], px.
-        depth: [N, H, W], or None if none was found.
-        folder: The folder.
-        distortion: Distortion of the lens, [5] as in `Shot`; None for a pinhole.
-        depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
-        depth_confidence: Likewise.
-        views_error: Standard error of the views' values, [N, H, W]; None in runs without.
-        depth_error: Standard error of depth, in its unit, [N, H, W]; None in runs without standard errors of depth.
-        registered: The measurement as corrected by the run's registration; None if it corrected nothing.
-        exposed: The light integrated during each mask's time, if the views show the middle of that time.
-    """
-
-    report: Report
-    views: F32
-    world_to_camera: F64
-    intrinsics: F64
-    depth: F32 | None
-    folder: Path
-    distortion: F64 | None = None
-    depth_spread: F32 | None = None
-    depth_confidence: F32 | None = None
-    depth_error: F32 | None = None
-    views_error: F32 | None = None
-    registered: Shot | None = None
-    exposed: F32 | None = None
-
-
-@dataclass(frozen=True)
 class ReferenceData:
     """The data for judging a run; figures whose data are None are left out.
 
@@ -83,7 +45,7 @@ class ReferenceData:
         novel: True views from other poses.
         noise: Noise of the sensor.
         lpips: A learned perceptual distance provided by the user (`gs2ci.reconstruct.paper.perceptual`).
-        exposures: Those of a joint run, of which `shot` is the sum, in the order of their views (`of_exposures`).
+        exposures: Those of a joint run, of which `shot` is the sum, in the order of their views (`_of_exposures`).
     """
 
     shot: Shot
@@ -92,41 +54,6 @@ class ReferenceData:
     noise: SensorNoise | None = None
     lpips: PerceptualDistance | None = None
     exposures: tuple[Shot, ...] = ()
-
-
-def read_run(folder: Path) -> FinishedRun:
-    """Read a run folder back.
-
-    Raises:
-        StorageError: It is no run folder, or a file of it is missing or truncated.
-    """
-    report = read_report(folder)
-    try:
-        cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
-        intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
-        maps = {
-            name: folder / f"{name}.npy"
-            for name in ("depth", "depth_spread", "depth_confidence", "depth_error", "views_error")
-        }
-        registered, exposed = folder / REGISTERED_NAME, folder / EXPOSED_NAME
-        lens = np.array([float(cameras.get(name, 0.0)) for name in COEFFICIENTS])
-        return FinishedRun(
-            report=report,
-            views=np.load(folder / "views.npy"),
-            world_to_camera=poses_of_transforms(cameras),
-            intrinsics=intrinsics,
-            folder=folder,
-            distortion=lens if lens.any() else None,
-            **{name: np.load(path) if path.is_file() else None for name, path in maps.items()},
-            registered=read_shot(registered) if registered.is_file() else None,
-            exposed=np.load(exposed) if exposed.is_file() else None,
-        )
-    except Gs2ciError:
-        raise
-    except Exception as error:  # as in `read_evidence`
-        raise StorageError(
-            f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
-        ) from error
 
 
 def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
@@ -219,14 +146,13 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
     Raises:
         StorageError: The disk refuses.
     """
-    text = json.dumps(evaluation, indent=1, allow_nan=False) + "\n"
-    return write_whole(path, text, remedy="choose another place with -o")
+    return write_whole(path, as_json(evaluation), remedy="choose another place with -o")
 
 
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
     """Code views as the run did: with the weights that it corrected, if any."""
     lit = replace(shot, weights=shot.weights_by(brightness))
-    return Coding.of(lit).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
+    return Coding.of(lit).forward(torch.from_numpy(np.array(views))).numpy()
 
 
 def _notes(measured: MeasurementSection, shot: Shot) -> list[Finding]:
@@ -283,3 +209,35 @@ def _novel(run: FinishedRun, shot: Shot, novel: NovelViews) -> dict[str, Any]:
         **score_novel_views(read_ply(run.folder / "scene.ply"), alignment, intrinsics, novel),
         "alignment_free": alignment.free,
     }
+
+
+def exposures_of(report: Report, shots: Sequence[Shot]) -> list[Shot]:
+    """Return the shots of a run in the order of its views.
+
+    Shots are found by the names of the run's exposures, in any order; those that it left out are passed over. If names
+    do not tell, as many as the run has are taken as they are given.
+
+    Args:
+        report: Of the run.
+        shots: One or more; of a run of one exposure, that one.
+
+    Raises:
+        InputError: They are not those of the run: some are missing, or there are more of one name than it has.
+    """
+    wanted = [one.name for one in report.exposures] or [report.name]
+    given, of_run = Counter(shot.name for shot in shots), Counter(wanted)
+    lacking = [name for name in of_run if given[name] < of_run[name]]
+    doubtful = [name for name in of_run if given[name] > of_run[name]]
+    if len(shots) == len(wanted) and lacking:
+        return list(shots)
+    if lacking or doubtful:
+        told = f"{', '.join(lacking or doubtful)} {'is missing' if lacking else 'is there more than once'}"
+        raise InputError(
+            f"{len(shots)} exposures beside a run of {len(wanted)}: {told}",
+            allowed="the exposures that were reconstructed",
+            remedy="give the files of the run, all exposures of each, in the same order; see --index",
+        )
+    by_name: dict[str, list[Shot]] = {}
+    for shot in shots:
+        by_name.setdefault(shot.name, []).append(shot)
+    return [by_name[name].pop(0) for name in wanted]

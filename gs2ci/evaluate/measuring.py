@@ -22,7 +22,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
-from gs2ci.evaluate.evaluation import FinishedRun
+from gs2ci.evaluate.pages.run_evidence import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.uncertainty.depths import movement

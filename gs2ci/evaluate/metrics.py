@@ -1,7 +1,7 @@
 """Metrics of images compared with the truth, and of a prediction compared with its measurement.
 
-Here: PSNR and SSIM per view, and the measurement residual. Not here: camera paths (`gs2ci.evaluate.trajectory`), depth,
-files.
+Here: PSNR and SSIM per view; the measurement's residual, in its own unit and in units of its noise (chi-squared per
+pixel). Not here: camera paths (`gs2ci.evaluate.trajectory`), depth, files.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.arrays import F32, F64, Bool, rms_of
 from gs2ci.core.errors import InputError
 
 # Identical images have no finite PSNR, and JSON has no infinity: a smaller mean squared error counts as this one, so
@@ -120,7 +120,7 @@ def measurement_residual(predicted: F32, measurement: F32, saturated: Bool | Non
     error = predicted.astype(np.float64) - measurement
     if saturated is not None:
         error = np.where(saturated[..., None], np.minimum(error, 0.0), error)
-    return Residual(rms=float(np.sqrt(np.mean(error**2))), mean_abs=float(np.mean(np.abs(error))))
+    return Residual(rms=rms_of(error), mean_abs=float(np.mean(np.abs(error))))
 
 
 def _clamped(estimate: F32, truth: F32) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -130,3 +130,61 @@ def _clamped(estimate: F32, truth: F32) -> tuple[NDArray[Any], NDArray[Any]]:
             allowed="two stacks [N, H, W, C] of one shape",
         )
     return np.clip(estimate.astype(np.float64), 0, 1), np.clip(truth.astype(np.float64), 0, 1)
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Noise of a measurement: σ² = read² + signal / electrons (EMVA 1288, eq. 12), in full scales of one view.
+
+    Args:
+        read: Standard deviation in the dark, in full scales of one view: read noise and quantisation.
+        electrons: Electrons of a pixel at the full scale of one view; infinite for no shot noise.
+    """
+
+    read: float
+    electrons: float = float("inf")
+
+    def __post_init__(self) -> None:
+        """Refuse noise figures by which residuals cannot be divided.
+
+        Raises:
+            InputError: The read noise is negative or not finite, the electrons are not above 0, or there is no noise.
+        """
+        if not (0 <= self.read < np.inf and self.electrons > 0):
+            raise InputError(f"noise {self.read} with {self.electrons} electrons", allowed="noise >= 0, electrons > 0")
+        if self.read == 0:
+            raise InputError("a read noise of 0", allowed="above 0: a dark pixel would have no noise at all")
+
+    def variance(self, signal: F32) -> F64:
+        """Return σ² of every sample, in squared full scales, for its expected signal, [H, W, C]."""
+        return self.read**2 + np.maximum(signal.astype(np.float64), 0) / self.electrons
+
+
+def chi_squared_per_pixel(
+    predicted: F32, measurement: F32, noise: SensorNoise, saturated: Bool | None = None
+) -> float | None:
+    """Measure the mean squared residual in units of the noise that the prediction implies.
+
+    It is about 1 if the residual is only noise; well below 1 if noise was fitted, well above 1 if the views do not
+    explain the measurement. Saturated pixels are left out.
+
+    Args:
+        predicted: [H, W, C], in full scales of one view.
+        measurement: The same shape.
+        noise: Noise of the sensor.
+        saturated: [H, W], or None.
+
+    Returns:
+        The mean over samples; None if every pixel is saturated.
+
+    Raises:
+        InputError: The shapes differ.
+    """
+    if predicted.shape != measurement.shape:
+        raise InputError(
+            f"the predicted measurement has shape {list(predicted.shape)}", allowed=str(list(measurement.shape))
+        )
+    terms = (predicted.astype(np.float64) - measurement) ** 2 / noise.variance(predicted)
+    if saturated is not None:
+        terms = terms[~saturated]
+    return float(terms.mean()) if terms.size else None

@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.lens import distorted, pixels_of, slopes_of, stretch, undistorted
+from gs2ci.core.cameras import in_camera
+from gs2ci.core.lens import pixel_centres, places_of, rays_of, stretch
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.ply import named_columns, ply_bytes
 
@@ -39,10 +40,7 @@ class Cameras:
 
     def rays(self, pixels: F64) -> F64:
         """Return the directions of the rays of pixels, [..., 2] as (x, y), in camera axes with z = 1, [..., 3]."""
-        slopes = slopes_of(pixels, self.intrinsics)
-        if self.distortion is not None:
-            slopes = undistorted(slopes, self.distortion)
-        return np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
+        return rays_of(pixels, self.intrinsics, self.distortion)
 
     def in_world(self, view: int, vectors: F64, *, directions: bool = False) -> F64:
         """Transform points, or directions, [..., 3], from a camera's axes into the world's."""
@@ -56,16 +54,15 @@ class Cameras:
             Which of them fall into it, [P]; how far ahead each lies, [P]; and their places, [P, 2] as (x, y) px, which
             mean something only where the first is true.
         """
-        pose, matrix = self.world_to_camera[view], self.intrinsics
-        local = points @ pose[:3, :3].T + pose[:3, 3]
+        pose = self.world_to_camera[view]
+        local = in_camera(points, pose)
         ahead = local[:, 2]
         before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
         slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
         if self.distortion is not None:
             # Far outside the frame the lens's polynomial folds back into it.
             before &= stretch(slopes, self.distortion) > 0
-            slopes = distorted(slopes, self.distortion)
-        pixels = pixels_of(slopes, matrix)
+        pixels = places_of(slopes, self.intrinsics, self.distortion)
         inside = before & (pixels >= 0).all(axis=1) & (pixels < (size[1], size[0])).all(axis=1)
         return inside, ahead, pixels
 
@@ -101,9 +98,7 @@ def points_of(depth: F32, confidence: F32, views: F32, cameras: Cameras) -> Poin
         views: [N, H, W, C].
         cameras: Cameras of the views.
     """
-    height, width = depth.shape[1:]
-    rows, columns = np.mgrid[:height, :width] + 0.5
-    rays = cameras.rays(np.stack([columns, rows], axis=-1))
+    rays = cameras.rays(pixel_centres(depth.shape[1:]))
     parts = []
     for view in np.unique(np.linspace(0, len(depth) - 1, min(_VIEWS, len(depth))).round()).astype(int):
         seen = rays * depth[view][..., None]

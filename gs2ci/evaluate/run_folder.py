@@ -36,7 +36,6 @@
 Not here: the figures, the page, the picture.
 """
 
-import json
 from pathlib import Path
 from typing import Final
 
@@ -44,18 +43,18 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.json_text import as_json
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
+from gs2ci.evaluate.drawings import write_motion_picture, write_registration_picture
 from gs2ci.evaluate.moments import MOMENTS_NAME, render_moments
 from gs2ci.evaluate.moments import moments as moment_times
-from gs2ci.evaluate.motion_picture import write_motion_picture
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.points import Cameras, of_one_moment, points_of, write_points
-from gs2ci.evaluate.registration_picture import write_registration_picture
 from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, Report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.sureness import errors_of_centres, write_errors
@@ -141,7 +140,7 @@ def _write_scene(folder: Path, result: RunResult, report: Report, scene: Gaussia
         found = points_of(result.depth[seen], result.depth_confidence[seen], result.views[seen], cameras)
         write_points(folder / "points.ply", found)
     transforms = nerfstudio_transforms(poses, result.intrinsics, size, lens)
-    (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    (folder / "cameras.json").write_text(as_json(transforms), encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"
     model.mkdir(parents=True)
     # The most opaque Gaussians show the surfaces; a stable sort makes the choice among equal ones reproducible.

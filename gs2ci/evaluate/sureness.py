@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import in_camera
 from gs2ci.core.findings import Code
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
@@ -73,7 +74,7 @@ def errors_at(points: F64, depth: F32, errors: F32, cameras: Cameras) -> F32:
         share = np.where(shown, error / np.where(there > 0, there, 1), np.inf)
         found = np.minimum(found, share * np.abs(ahead))
     middle = cameras.world_to_camera[len(depth) // 2]
-    away = np.linalg.norm(points @ middle[:3, :3].T + middle[:3, 3], axis=1)
+    away = np.linalg.norm(in_camera(points, middle), axis=1)
     return np.where(np.isfinite(found), found, factors.unknown_depth * away).astype(np.float32)
 
 

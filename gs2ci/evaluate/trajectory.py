@@ -18,7 +18,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_rigid
 from gs2ci.core.run_figures import Number
@@ -234,7 +234,7 @@ def _relative_pose_errors(aligned: F64, truth: F64) -> tuple[float | None, float
     true_motion = truth[:-1] @ np.linalg.inv(truth[1:])
     error = np.linalg.inv(true_motion) @ estimate_motion
     angles = rotation_angles_deg(error[:, :3, :3])
-    return _rms_length(error[:, :3, 3]), float(np.sqrt(np.mean(angles**2)))
+    return _rms_length(error[:, :3, 3]), rms_of(angles)
 
 
 def _mean_turn_deg(rotation: F64, estimate: F64, truth: F64) -> float:

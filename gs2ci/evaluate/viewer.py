@@ -18,7 +18,7 @@ from gs2ci.core.door import LOCAL
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.gate import MOST_CONNECTIONS, Gate
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
-from gs2ci.evaluate.pages.run_evidence import read_evidence
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import read_ply_scene
@@ -81,7 +81,7 @@ def load_scene(folder: Path) -> ViewerScene:
         StorageError: The folder is no complete run.
         InputError: Its scene cannot be read, or is empty.
     """
-    evidence = read_evidence(folder)
+    evidence = read_run(folder)
     read = read_ply_scene(Path(folder) / "scene.ply")
     gaussians = read.gaussians.map(torch.Tensor.float)
     if not len(gaussians):
@@ -92,14 +92,15 @@ def load_scene(folder: Path) -> ViewerScene:
     axes = rotation_matrices(gaussians.quaternions) * (scale * gaussians.log_scales.exp())[:, None, :]
     poses[:, :3, 3] *= scale
     height, width = evidence.views.shape[1:3]
+    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     return ViewerScene(
         means=(scale * gaussians.means).numpy(),
         covariances=(axes @ axes.transpose(1, 2)).numpy(),
         colours=colours_from(gaussians, middle).clamp(0, 1).numpy(),
         opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
         camera_to_world=poses,
-        fov=2 * float(np.arctan(height / (2 * evidence.focal_y_px))),
-        aspect=(width / evidence.focal_x_px) / (height / evidence.focal_y_px),
+        fov=2 * float(np.arctan(height / (2 * focal_y_px))),
+        aspect=(width / focal_x_px) / (height / focal_y_px),
         pictures=[shrink(to_eight_bit(view), PICTURE_SIDE_PX) for view in evidence.views],
         errors=None
         if read.standard_errors is None

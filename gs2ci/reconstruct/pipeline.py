@@ -15,7 +15,6 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.combining.metric import in_given_unit
-from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import hand_over
 from gs2ci.reconstruct.hypotheses.moving import speeds
@@ -27,6 +26,7 @@ from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.threads import one_torch_thread
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.places import working_on

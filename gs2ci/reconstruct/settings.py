@@ -11,9 +11,8 @@ from pydantic import Field, PositiveInt
 
 from gs2ci.core.bounds import Bounded
 from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, LeftOut, MotionMode, PoseSource, ProxyName
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.gap_tv import RESIDUAL, GapTvSettings
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -87,7 +86,7 @@ class Settings(Bounded):
     second_density: DensityRule | None = field(default_factory=Osgr.generous)
     fine: LastStageSettings | None = None
     fine_if_asked: LastStageSettings | None = None
-    residual: ResidualSettings | None = field(default_factory=ResidualSettings)
+    residual: GapTvSettings | None = RESIDUAL
     stride_px: PositiveInt = 3
     withheld: Withheld | None = None
     device: str = "cpu"

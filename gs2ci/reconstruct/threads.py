@@ -1,7 +1,7 @@
 """Independent pieces of work in as many threads as kernels may take.
 
-For libraries that compute without the interpreter's lock (NumPy, OpenCV, pycolmap). Not here: the threads of kernels
-(Numba's), of fits (`fit/combining/ensemble.py`), and why torch has one (`gs2ci.reconstruct.fit.one_thread`).
+For libraries that compute without the interpreter's lock (NumPy, OpenCV, pycolmap); and libraries kept on one thread.
+Not here: the threads of kernels (Numba's), of fits (`fit/combining/ensemble.py`).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import cv2
 import numba
+import torch
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -38,12 +39,23 @@ def in_threads(
 @contextmanager
 def one_opencv_thread() -> Iterator[None]:
     """Run OpenCV's functions on one thread each, where several threads call them."""
-    with one_thread(cv2.getNumThreads, cv2.setNumThreads):
+    with _one_thread(cv2.getNumThreads, cv2.setNumThreads):
         yield
 
 
 @contextmanager
-def one_thread(count: Callable[[], int], limit: Callable[[int], object]) -> Iterator[None]:
+def one_torch_thread() -> Iterator[None]:
+    """Run torch on one thread; the kernels, which take most of the time, run on Numba's threads.
+
+    Torch divides elements among its threads, so that the last bits of sums, products and sigmoids would depend on their
+    number. Besides, its thread pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
+    """
+    with _one_thread(torch.get_num_threads, torch.set_num_threads):
+        yield
+
+
+@contextmanager
+def _one_thread(count: Callable[[], int], limit: Callable[[int], object]) -> Iterator[None]:
     """Keep a library on one thread, and give it back as many as it had.
 
     Args:

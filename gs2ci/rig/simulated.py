@@ -16,7 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.rig.config import DEVICE_GROUPS, MechanicsTable, RigTable, WorldTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.plugin import known_driver
-from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.masks import Misregistration
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.idealisations import typical
 from gs2ci_sims.registration import MaskAlignment

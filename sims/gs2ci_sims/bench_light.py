@@ -20,9 +20,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
 from gs2ci_sims.effects.base import Effect, LightStage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.views import Defocus, LensDistortion
 from gs2ci_sims.exposure import Studio, calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects, with_well_of
 from gs2ci_sims.path import CameraPath

@@ -10,6 +10,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 import torch
+from pydantic import PositiveInt
 
 from gs2ci.core.arrays import F64
 from gs2ci.render.gaussians import Gaussians
@@ -73,7 +74,7 @@ class ExactRenderer(Renderer):
     skips: ClassVar[bool] = False
     sample_filter_px2: ClassVar[float] = 0.0
 
-    supersampling: int = 4
+    supersampling: PositiveInt = 4
 
     def depth(self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0) -> F64:
         """Return the depth that the weights along the ray through each pixel's centre expect; see `Renderer.depth`."""
@@ -86,17 +87,10 @@ class ExactRenderer(Renderer):
         _, coverage, depth = trace_gaussians(gaussians, colours, world_to_camera, intrinsics, size)
         return np.where(coverage >= 0.5, depth / np.maximum(coverage, 0.5), np.nan)
 
-    def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
-        """Render one view times a mask, [H, W, 3]."""
-        view = self.views(scene, world_to_camera, gaussians=gaussians)[0][0]
-        return np.asarray(view * mask[..., None], dtype=np.float64)
-
     def _drawn(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        factor = self.supersampling
-        intrinsics = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
-        size = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
+        intrinsics, size = self._enlarged(scene, margin)
         for pose in world_to_camera:
             colours = gaussians.colours.detach().to(torch.float64)
             if gaussians.harmonics is not None:

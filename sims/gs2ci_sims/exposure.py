@@ -24,13 +24,11 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, LightStage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.black_level import BlackLevel
-from gs2ci_sims.effects.charge_noise import ChargeNoise
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.charges import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.quantisation import Quantisation
+from gs2ci_sims.effects.noises import ChargeNoise
+from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity, Quantisation
+from gs2ci_sims.effects.views import LensDistortion
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath

@@ -5,6 +5,8 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import in_world
+from gs2ci.core.lens import rays_of
 from gs2ci_sims.path import CameraPath, highest_hz
 from gs2ci_sims.scene import Scene
 
@@ -21,10 +23,7 @@ def image_motion_px(scene: Scene, path: CameraPath, intervals_s: F64) -> F64:
 
     A camera that turns back within an interval has moved all the same.
     """
-    longest = float(np.diff(intervals_s, axis=1).max())
-    steps = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * longest, STEPS_PER_INTERVAL, STEPS_MAX))
-    times = np.linspace(intervals_s[:, 0], intervals_s[:, 1], steps + 1)
-    track = tracks_px(scene, path, times.ravel()).reshape(steps + 1, len(intervals_s), -1, 2)
+    track = _tracks_within(scene, path, intervals_s, STEPS_MAX)
     return np.linalg.norm(np.diff(track, axis=0), axis=-1).sum(axis=0).max(axis=1)
 
 
@@ -45,12 +44,16 @@ def displacement_px(scene: Scene, path: CameraPath, seen_along: CameraPath, seen
         seen_s: When, [N].
         intervals_s: [N, 2].
     """
-    longest = float(np.diff(intervals_s, axis=1).max())
-    steps = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * longest, STEPS_PER_INTERVAL, PLACES_MAX))
-    times = np.linspace(intervals_s[:, 0], intervals_s[:, 1], steps + 1)
-    there = tracks_px(scene, path, times.ravel()).reshape(steps + 1, len(intervals_s), -1, 2)
-    away = there - tracks_px(scene, seen_along, seen_s)
+    away = _tracks_within(scene, path, intervals_s, PLACES_MAX) - tracks_px(scene, seen_along, seen_s)
     return np.linalg.norm(away, axis=-1).max(axis=(0, 2))
+
+
+def _tracks_within(scene: Scene, path: CameraPath, intervals_s: F64, most: int) -> F64:
+    """Follow the points of `tracks_px` through intervals [N, 2], in at most so many steps, [T, N, 10, 2] pixels."""
+    longest = float(np.diff(intervals_s, axis=1).max())
+    steps = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * longest, STEPS_PER_INTERVAL, most))
+    times = np.linspace(intervals_s[:, 0], intervals_s[:, 1], steps + 1)
+    return tracks_px(scene, path, times.ravel()).reshape(steps + 1, len(intervals_s), -1, 2)
 
 
 def tracks_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
@@ -58,10 +61,8 @@ def tracks_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
     height, width = scene.size
     focal = np.array([scene.intrinsics[0, 0], scene.intrinsics[1, 1]])
     pixels = np.array([[0, 0], [width, 0], [0, height], [width, height], [width / 2, height / 2]], dtype=float)
-    slopes = (pixels - scene.intrinsics[:2, 2]) / focal
-    rays = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
-    points = np.concatenate([depth * rays for depth in scene.depth_range()])
-    points = (points - scene.world_to_camera[:3, 3]) @ scene.world_to_camera[:3, :3]
+    rays = rays_of(pixels, scene.intrinsics)
+    points = in_world(np.concatenate([depth * rays for depth in scene.depth_range()]), scene.world_to_camera)
     poses = path.world_to_camera(times_s)
     seen = points @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
     # A point beside or behind the camera counts as one at a tenth of the median depth: it is not in the image.

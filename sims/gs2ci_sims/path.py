@@ -8,9 +8,12 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 import numpy as np
+from pydantic import FiniteFloat
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene
 
@@ -37,7 +40,7 @@ def kinks_s(path: CameraPath, start_s: float, stop_s: float) -> F64:
 
 
 @dataclass(frozen=True)
-class StageMove:
+class StageMove(BoundedRecord):
     """A linear stage at constant velocity, passing the reference pose at time 0, with a tiny angular wobble.
 
     Args:
@@ -47,18 +50,10 @@ class StageMove:
         reference_world_to_camera: Pose at time 0 without wobble, [4, 4].
     """
 
-    velocity: tuple[float, float, float]
-    wobble_deg: float = 0.0
-    wobble_hz: float = 0.0
+    velocity: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    wobble_deg: FiniteFloat = 0.0
+    wobble_hz: NotNegative = 0.0
     reference_world_to_camera: F64 = field(default_factory=lambda: np.eye(4), repr=False)
-
-    def __post_init__(self) -> None:
-        numbers = (*self.velocity, self.wobble_deg, self.wobble_hz)
-        if not np.isfinite(numbers).all() or self.wobble_hz < 0:
-            raise InputError(
-                f"stage move with velocity {self.velocity}, wobble {self.wobble_deg} deg at {self.wobble_hz} Hz",
-                allowed="finite numbers, frequency >= 0",
-            )
 
     @property
     def highest_hz(self) -> float:
@@ -122,7 +117,7 @@ def stage_move_for_parallax(
 
 
 @dataclass(frozen=True)
-class ReversingMove:
+class ReversingMove(BoundedRecord):
     """A stage that moves back and forth: a triangle wave through the reference pose, which it passes at time 0.
 
     Args:
@@ -131,16 +126,9 @@ class ReversingMove:
         reference_world_to_camera: Pose at time 0, [4, 4].
     """
 
-    velocity: tuple[float, float, float]
-    period_s: float
+    velocity: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    period_s: Positive
     reference_world_to_camera: F64 = field(default_factory=lambda: np.eye(4), repr=False)
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.velocity).all() and 0 < self.period_s < np.inf):
-            raise InputError(
-                f"a move to and fro with velocity {self.velocity} and period {self.period_s} s",
-                allowed="finite numbers, period > 0",
-            )
 
     @property
     def highest_hz(self) -> float:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, LightStage, having
-from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.charges import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.quantisation import Quantisation
+from gs2ci_sims.effects.readout import Quantisation
 from gs2ci_sims.exact import rendering_error
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.preview import Preview, preview

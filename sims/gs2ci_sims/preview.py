@@ -26,7 +26,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, rms_of
 from gs2ci_sims.alignment import WeightSet
 from gs2ci_sims.effects.base import Bound, BoundStep, Effect, LightStage, gain_step
 from gs2ci_sims.light_path import EffectChain
@@ -136,7 +136,7 @@ class Preview(PreviewedCharge):
         brightest = self.scene.brightest
         if modulation > 0:
             steady = np.abs(steady) + self.recorded(np.einsum("khw,khwc->hwc", size, self.views))
-        rms = float(np.sqrt(np.square(steady).mean()))
+        rms = rms_of(steady)
         unseen = weights.worst_rms(departures, brightest) if departures.any() else 0.0
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
         return Bound(self.full_scale_dn * (rms + unseen), self.full_scale_dn * peak).by(
@@ -169,7 +169,7 @@ class Preview(PreviewedCharge):
         change_e = np.abs(self.recorded(after - before))
         # Masks that add up to an even light no longer do where others change the light of some more than of others.
         unlike_e = self._modulation(effect) * self.light_rms_e
-        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.light_error_e + unlike_e
+        seen_e, error_e = rms_of(change_e), self.light_error_e + unlike_e
         peak_e = min(float(change_e.max()) + most * error_e * change_e.size**0.5, most * float(self.most_e.max()))
         return Bound(self.rig.dn_per_e * (seen_e + most * error_e), self.rig.dn_per_e * peak_e).by(
             "K * (v + c * u)",

@@ -9,9 +9,10 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 import torch
+from pydantic import PositiveInt
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.gaussians import Gaussians
@@ -27,7 +28,7 @@ VIEWS_AT_ONCE: Final = 8
 
 
 @dataclass(frozen=True)
-class Renderer:
+class Renderer(BoundedRecord):
     """Renders scenes as a sensor with square, fully sensitive pixels sees them.
 
     Args:
@@ -44,13 +45,9 @@ class Renderer:
     sample_filter_px2: ClassVar[float] = DILATION_PX2
     """Variance of the blur of each sample, in samples squared."""
 
-    supersampling: int = 2
+    supersampling: PositiveInt = 2
     backend: str = "cpu"
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        if self.supersampling < 1:
-            raise InputError(f"{self.supersampling} samples per pixel side", allowed="1 or more")
 
     def finer(self, scene: Scene) -> "Renderer":
         """Return a renderer with twice as many samples, which resolves detail that this one's samples alias.
@@ -117,8 +114,9 @@ class Renderer:
         Returns:
             [H, W, 3].
         """
-        if scene.mesh is not None:
-            return np.asarray(self.views(scene, world_to_camera)[0][0] * mask[..., None], dtype=np.float64)
+        if scene.mesh is not None or not self.skips:
+            view = self.views(scene, world_to_camera, gaussians=gaussians)[0][0]
+            return np.asarray(view * mask[..., None], dtype=np.float64)
         factor = self.supersampling
         backend = load_backend(self.backend)
         # The backend takes masks up to 1; larger ones are scaled down, and the result back.
@@ -126,7 +124,7 @@ class Renderer:
         if scale == 0:
             return np.zeros((*scene.size, 3))
         fine = torch.tensor(mask / scale, dtype=torch.float32).repeat_interleave(factor, 0).repeat_interleave(factor, 1)
-        intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
+        intrinsics = torch.tensor(self._enlarged(scene, 0)[0], dtype=torch.float32)
         with torch.no_grad():
             image = backend.coded(
                 (scene.gaussians if gaussians is None else gaussians).detach(),
@@ -157,14 +155,18 @@ class Renderer:
         inner = slice(rim, -rim or None)
         yield images[:, inner, inner], alphas[:, inner, inner]
 
+    def _enlarged(self, scene: Scene, margin: int) -> tuple[F64, tuple[int, int]]:
+        """Return the camera matrix and the size of images before averaging."""
+        factor = self.supersampling
+        enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
+        return enlarged, ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
+
     def _drawn_mesh(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Render a mesh by rays, which every renderer does."""
         assert scene.mesh is not None
-        factor = self.supersampling
-        enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
-        large = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
+        enlarged, large = self._enlarged(scene, margin)
         for pose in world_to_camera:
             radiance, depth = trace_mesh(scene.mesh, pose, enlarged, large)
             yield torch.from_numpy(radiance[None]), torch.from_numpy(np.isfinite(depth[None]).astype(np.float64))
@@ -172,12 +174,10 @@ class Renderer:
     def _drawn(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        factor = self.supersampling
         backend = load_backend(self.backend)
         gaussians = gaussians.detach()
-        enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
+        enlarged, large = self._enlarged(scene, margin)
         intrinsics = torch.tensor(enlarged, dtype=torch.float32)
-        large = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
             with torch.no_grad():

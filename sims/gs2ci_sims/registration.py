@@ -5,13 +5,15 @@ Here: the true map between the two grids and the integral over each sensor pixel
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat
 from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.errors import InputError
 from gs2ci_sims.world import MaskInterval
 
@@ -21,7 +23,7 @@ TURN_LIMIT_MRAD = 50.0
 
 
 @dataclass(frozen=True)
-class MaskAlignment:
+class MaskAlignment(BoundedRecord):
     """Which modulator pixels a sensor pixel sees: nominally a block of k × k, all blocks side by side.
 
     The image of the modulator is first mirrored, then turned in quarters, both about the sensor's middle, and then
@@ -44,18 +46,10 @@ class MaskAlignment:
     column: int
     mirrored: bool = False
     quarter_turns: int = 0
-    right_px: float = 0.0
-    down_px: float = 0.0
-    turn_mrad: float = 0.0
-    magnification: float = 1.0
-
-    def __post_init__(self) -> None:
-        numbers = (self.right_px, self.down_px)
-        if not np.isfinite(numbers).all() or abs(self.turn_mrad) > TURN_LIMIT_MRAD or not 0 < self.magnification < 10:
-            raise InputError(
-                f"misregistration by {numbers} px, {self.turn_mrad} mrad, magnification {self.magnification}",
-                allowed=f"finite shifts, turns up to {TURN_LIMIT_MRAD} mrad, magnification in (0, 10)",
-            )
+    right_px: FiniteFloat = 0.0
+    down_px: FiniteFloat = 0.0
+    turn_mrad: Annotated[float, Field(ge=-TURN_LIMIT_MRAD, le=TURN_LIMIT_MRAD)] = 0.0
+    magnification: Annotated[float, Field(gt=0, lt=10)] = 1.0
 
     @property
     def nominal(self) -> bool:

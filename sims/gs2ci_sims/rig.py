@@ -5,16 +5,19 @@ it). Not here: imperfections (`effects`; their tables are `[effects.*]`), device
 """
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci_sims.sensor import SensorFigures
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(BoundedRecord):
     """When the masks are shown: equal intervals, back to back or with dark gaps, centred on time 0.
 
     Args:
@@ -22,15 +25,8 @@ class Timing:
         dark_s: Gap between two masks, at least 0; the camera moves on during it.
     """
 
-    interval_s: float = 0.1
-    dark_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.interval_s < np.inf or not 0 <= self.dark_s < np.inf:
-            raise InputError(
-                f"mask intervals of {self.interval_s} s with gaps of {self.dark_s} s",
-                allowed="interval_s > 0, dark_s >= 0, both finite",
-            )
+    interval_s: Positive = 0.1
+    dark_s: NotNegative = 0.0
 
     def intervals_s(self, count: int) -> F64:
         """Get start and stop of each of `count` intervals, [N, 2]."""
@@ -43,22 +39,18 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Light:
+class Light(BoundedRecord):
     """The brightness of the light.
 
     Args:
         full_scale_photons: Photons that a pixel receives from radiance 1 through an open mask during one interval.
     """
 
-    full_scale_photons: float = 4180.0
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.full_scale_photons < np.inf:
-            raise InputError(f"a light level of {self.full_scale_photons} photons", allowed="finite, 0 or more")
+    full_scale_photons: NotNegative = 4180.0
 
 
 @dataclass(frozen=True)
-class Optics:
+class Optics(BoundedRecord):
     """The lens between scene and modulator; its focal length in pixels is the scene's camera's.
 
     Args:
@@ -66,16 +58,12 @@ class Optics:
         wavelength_nm: Wavelength of the light, for diffraction.
     """
 
-    f_number: float = 8.0
-    wavelength_nm: float = 550.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.f_number < np.inf or not 0 < self.wavelength_nm < np.inf:
-            raise InputError(f"f/{self.f_number} at {self.wavelength_nm} nm", allowed="finite numbers above 0")
+    f_number: Positive = 8.0
+    wavelength_nm: Positive = 550.0
 
 
 @dataclass(frozen=True)
-class ModulatorFigures:
+class ModulatorFigures(BoundedRecord):
     """The mask generator, as imaged onto the sensor.
 
     Args:
@@ -85,22 +73,14 @@ class ModulatorFigures:
         pitch_um: Distance between two mirrors or cells (7.56 um: the DLP6500 chip).
     """
 
-    masks: int = 8
-    open_share: float = 0.25
-    feature_px: int = 1
-    pitch_um: float = 7.56
-
-    def __post_init__(self) -> None:
-        if self.masks < 1 or not 0 < self.open_share <= 1 or self.feature_px < 1 or not self.pitch_um > 0:
-            raise InputError(
-                f"modulator with {self.masks} masks, {self.open_share} open, {self.feature_px} px features, "
-                f"{self.pitch_um} um pitch",
-                allowed="masks and feature_px >= 1, 0 < open_share <= 1, pitch_um > 0",
-            )
+    masks: PositiveInt = 8
+    open_share: Annotated[float, Field(gt=0, le=1)] = 0.25
+    feature_px: PositiveInt = 1
+    pitch_um: Positive = 7.56
 
 
 @dataclass(frozen=True)
-class RigFigures:
+class RigFigures(BoundedRecord):
     """All figures that the light path and the bounds of its effects need.
 
     Args:
@@ -117,11 +97,7 @@ class RigFigures:
     modulator: ModulatorFigures = field(default_factory=ModulatorFigures)
     timing: Timing = field(default_factory=Timing)
     sensor: SensorFigures = field(default_factory=SensorFigures)
-    device_seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.device_seed < 0:
-            raise InputError(f"device_seed {self.device_seed}", allowed="0 or more")
+    device_seed: NonNegativeInt = 0
 
     @property
     def photons_per_s(self) -> float:

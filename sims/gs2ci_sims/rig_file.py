@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Strict, create_model
+from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeInt, PositiveInt, Strict, create_model
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.config import settings_from
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, settings_from
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -41,7 +42,7 @@ Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
-class SceneChoice:
+class SceneChoice(BoundedRecord):
     """What is seen.
 
     Args:
@@ -52,17 +53,14 @@ class SceneChoice:
     """
 
     name: str = "planes"
-    height: int = 96
-    width: int = 128
-    seed: int | None = None
+    height: PositiveInt = 96
+    width: PositiveInt = 128
+    seed: NonNegativeInt | None = None
 
     def __post_init__(self) -> None:
-        drawn = self.seed is not None
-        if min(self.height, self.width) < 1 or (drawn and (self.name != "planes" or (self.seed or 0) < 0)):
-            raise InputError(
-                f"scene {self.name!r} of {self.height} x {self.width} px with seed {self.seed}",
-                allowed="a positive size; a seed of 0 or more, for the scene 'planes' alone",
-            )
+        super().__post_init__()
+        if self.seed is not None and self.name != "planes":
+            raise InputError(f"scene {self.name!r} with a seed", allowed="a seed for the scene 'planes' alone")
 
     def build(self) -> Scene:
         """Draw the scene.
@@ -77,7 +75,7 @@ class SceneChoice:
 
 
 @dataclass(frozen=True)
-class PathChoice:
+class PathChoice(BoundedRecord):
     """How the camera moves during the exposure.
 
     Args:
@@ -87,17 +85,13 @@ class PathChoice:
         turns: How often the stage turns back during the exposure, at least 0; it then covers its way several times.
     """
 
-    parallax_px: float = 6.0
+    parallax_px: NotNegative = 6.0
     direction: tuple[float, float, float] = (1.0, 0.3, 0.1)
-    wobble_deg: float = 0.0
-    turns: int = 0
+    wobble_deg: FiniteFloat = 0.0
+    turns: NonNegativeInt = 0
 
     def __post_init__(self) -> None:
-        if not (0 <= self.parallax_px < np.inf and self.turns >= 0 and np.isfinite(self.wobble_deg)):
-            raise InputError(
-                f"a path with a parallax of {self.parallax_px} px, {self.turns} turns, wobble {self.wobble_deg} deg",
-                allowed="parallax_px and turns 0 or more, finite numbers",
-            )
+        super().__post_init__()
         if self.turns and self.wobble_deg:
             raise InputError(
                 f"a path with {self.turns} turns and a wobble of {self.wobble_deg} deg",

@@ -4,15 +4,18 @@ Not here: the effects that it implies (`effects`, listed by `light_path.sensor_e
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class SensorFigures:
+class SensorFigures(BoundedRecord):
     """A linear sensor. The defaults are a Sony IMX255-class one (mvBlueFOX3 manual, p. 861).
 
     Args:
@@ -25,24 +28,15 @@ class SensorFigures:
         quantum_efficiency: Electrons per photon, in (0, 1].
     """
 
-    full_well_e: float = 10_700.0
-    read_noise_e: float = 2.9
-    bits: int = 12
-    electrons_per_dn: float = 2.7
+    full_well_e: Annotated[float, Field(gt=0)] = 10_700.0
+    read_noise_e: NotNegative = 2.9
+    bits: Annotated[int, Field(ge=1, le=32)] = 12
+    electrons_per_dn: Positive = 2.7
     black_level_dn: float = 64.0
-    quantum_efficiency: float = 0.64
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)] = 0.64
 
     def __post_init__(self) -> None:
-        if not self.full_well_e > 0 or not 0 <= self.read_noise_e < np.inf or not 1 <= self.bits <= 32:
-            raise InputError(
-                f"full well {self.full_well_e} e, read noise {self.read_noise_e} e, {self.bits} bits",
-                allowed="full_well_e > 0, read_noise_e >= 0, bits 1 to 32",
-            )
-        if not 0 < self.electrons_per_dn < np.inf or not 0 < self.quantum_efficiency <= 1:
-            raise InputError(
-                f"{self.electrons_per_dn} e/DN, quantum efficiency {self.quantum_efficiency}",
-                allowed="electrons_per_dn > 0 and finite, quantum_efficiency in (0, 1]",
-            )
+        super().__post_init__()
         if not 0 <= self.black_level_dn < 2**self.bits - 1:
             raise InputError(f"black level {self.black_level_dn} DN", allowed=f"0 to {2**self.bits - 2}")
 

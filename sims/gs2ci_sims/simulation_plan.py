@@ -204,7 +204,6 @@ def _drawn(decided: Plan) -> bytes:
     """Draw the bounds of a plan as bars on a logarithmic scale; what cannot be left out reaches the edge."""
     import io  # noqa: PLC0415  only where somebody looks
 
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  as above
     from matplotlib.figure import Figure  # noqa: PLC0415  as above
 
     finite = [one.bound.rms_dn for one in decided.decisions if math.isfinite(one.bound.rms_dn)]
@@ -223,5 +222,5 @@ def _drawn(decided: Plan) -> bytes:
     axes.invert_yaxis()
     axes.legend(loc="lower left", fontsize=8)
     file = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(file)  # type: ignore[no-untyped-call]
+    figure.savefig(file, format="png")
     return file.getvalue()

@@ -11,13 +11,15 @@ from typing import Final
 import cv2
 import numpy as np
 import torch
+from pydantic import PositiveInt
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.radiance import Renderer, binned, with_margin
+from gs2ci_sims.effects.views import LensDistortion
+from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.scene import Scene
 
 # Radiance of the board's paper and ink, and of the background; 1 is white.
@@ -60,18 +62,12 @@ class EvenLight(Target):
         radiance: Its brightness; 1 is the white of a scene.
     """
 
-    supersampling: int = 1
-    radiance: float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.radiance < np.inf:
-            raise InputError(f"a flat field of radiance {self.radiance}", allowed="finite, 0 or more")
+    supersampling: PositiveInt = 1
+    radiance: NotNegative = 1.0
 
     def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
         """Return the same radiance for all samples, [V, H s, W s, 3]."""
-        height, width = ((side + 2 * margin) * self.supersampling for side in scene.size)
-        return np.full((len(world_to_camera), height, width, 3), self.radiance, np.float32)
+        return np.full((len(world_to_camera), *self._enlarged(scene, margin)[1], 3), self.radiance, np.float32)
 
 
 @dataclass(frozen=True)
@@ -141,17 +137,15 @@ class BoardTarget(Target):
             sharp as a board's by hundredths of a pixel.
     """
 
-    supersampling: int = 4
+    supersampling: PositiveInt = 4
     plane: BoardPlane = field(default_factory=lambda: BoardPlane(7, 5, 1.0, 0.7))
     world_from_board: F64 | None = None
     lens: LensDistortion | None = None
 
     def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
         """Draw it at the intersections of each sample's ray with its plane, [V, H s, W s, 3]."""
-        factor = self.supersampling
-        large = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
-        height, width = ((side + 2 * margin) * factor for side in scene.size)
-        rays = _rays((height, width), tuple(large.ravel()), self.lens)
+        large, size = self._enlarged(scene, margin)
+        rays = _rays(size, tuple(large.ravel()), self.lens)
         scale = self.plane.square / PX_PER_SQUARE
         # From points of the board to indices of the drawn image's pixels; its margin is one square.
         index_from_board = np.array(

@@ -237,7 +237,7 @@ def test_a_nexus_file_that_cannot_be_written_is_told(run):
 def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, tmp_path, to):
     folder = tmp_path / "full"
     folder.mkdir()
-    target = folder / exports.NAMES[to]
+    target = folder / exports.FORMATS[to].name
     with small_files(), pytest.raises(StorageError, match="cannot be written") as told:
         gs2ci.export(run, to, target)
     assert told.value.problem.startswith(str(target))
@@ -529,7 +529,7 @@ def test_an_earlier_export_stays_if_the_new_one_cannot_take_its_place(run, examp
     assert contents(Path("place")) == first
 
 
-@pytest.mark.parametrize("to", exports.NAMES)
+@pytest.mark.parametrize("to", exports.FORMATS)
 @pytest.mark.parametrize("place", ["run", "link", "run/views", "run/colmap", "run/scene.ply", "run/report.json"])
 def test_a_run_is_not_replaced_by_its_export(run, examples, to, place):
     (examples / "link").symlink_to("run")
@@ -561,7 +561,9 @@ def test_a_folder_is_not_replaced_by_a_file_nor_a_file_by_a_folder(run, examples
 def test_a_name_with_the_ending_of_another_format_is_refused(run, examples):
     before = contents(examples)
     for to, name in (("gif", "b.mp4"), ("mp4", "a.gif"), ("spz", "s.ply"), ("nexus", "n.spz"), ("colmap", "c.ply")):
-        with pytest.raises(InputError, match=rf"--to {to} into {name}; allowed: a name like {exports.NAMES[to]}"):
+        with pytest.raises(
+            InputError, match=rf"--to {to} into {name}; allowed: a name like {exports.FORMATS[to].name}"
+        ):
             gs2ci.export("run", to, name)
     assert contents(examples) == before
 

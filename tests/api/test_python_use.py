@@ -151,10 +151,10 @@ def test_a_run_in_memory_is_the_run_that_was_saved(examples, filled):
     with pytest.raises(gs2ci.StorageError, match="mine"):
         gs2ci.open_run("copy").save("mine")
     (examples / "copy" / "decode.npy").write_bytes(b"")
-    with pytest.raises(gs2ci.StorageError, match="no whole run"):
+    with pytest.raises(gs2ci.StorageError, match="cannot be read as a run"):
         gs2ci.open_run("copy")
     (examples / "copy" / "decode.npy").unlink()
-    with pytest.raises(gs2ci.StorageError, match=r"no whole run: copy/decode\.npy: No such file or directory;"):
+    with pytest.raises(gs2ci.StorageError, match=r"read as a run: copy/decode\.npy: No such file or directory;"):
         gs2ci.open_run("copy")
 
 

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, Phase, given, reject, settings
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.stage_backlash import StageBacklash
+from gs2ci_sims.effects.stage import StageBacklash
 from gs2ci_sims.exact import ExactRenderer
 from tests.sims import sensor_family
 from tests.sims.adversaries import FAMILIES

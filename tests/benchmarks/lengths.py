@@ -23,8 +23,8 @@ from scipy.ndimage import binary_erosion
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.evaluate.evaluation import read_run
 from gs2ci.evaluate.measuring import measure
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci_sims.effects.motion_blur import MotionBlur

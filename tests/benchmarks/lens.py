@@ -19,7 +19,7 @@ from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
-from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.views import LensDistortion
 from gs2ci_sims.radiance import Renderer
 from tests.stability.benches import Bench, build
 

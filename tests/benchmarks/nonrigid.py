@@ -24,8 +24,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.decode.coupling import choose_coupling
-from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.gap_tv import choose_coupling, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
 from gs2ci.reconstruct.pipeline import reconstruct

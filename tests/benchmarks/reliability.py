@@ -32,8 +32,9 @@ from scipy.stats import norm
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.ranks import rank_correlation
-from gs2ci.evaluate.evaluation import FinishedRun, read_run
+from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.measuring import measure
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.evaluate.sureness import ORDER_OPEN
 from gs2ci.evaluate.trajectory import align

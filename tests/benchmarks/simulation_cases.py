@@ -14,10 +14,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.effects.base import Effect
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.stage_vibration import StageVibration
+from gs2ci_sims.effects.stage import StageVibration
+from gs2ci_sims.effects.views import Defocus, LensDistortion, OpticsPsf
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath

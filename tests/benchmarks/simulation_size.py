@@ -14,11 +14,9 @@ import time
 
 import numpy as np
 
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.effects.views import OpticsPsf, Vignetting
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks

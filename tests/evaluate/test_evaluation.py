@@ -6,9 +6,10 @@ import torch
 
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Truth
-from gs2ci.evaluate.evaluation import ReferenceData, evaluate, read_run, write_evaluation
-from gs2ci.evaluate.noise import SensorNoise
+from gs2ci.evaluate.evaluation import ReferenceData, evaluate, write_evaluation
+from gs2ci.evaluate.metrics import SensorNoise
 from gs2ci.evaluate.novel_views import NovelViews
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
@@ -138,14 +139,14 @@ def test_a_folder_that_is_no_whole_run_is_refused(make_run, tmp_path):
     shot, result = make_run(count=3, size=(16, 20))
     folder = write_run(tmp_path / "run", shot, result, one_gaussian())
     (folder / "cameras.json").write_text("{}")
-    with pytest.raises(StorageError, match="no whole run"):
+    with pytest.raises(StorageError, match="cannot be read as a run"):
         read_run(folder)
     (folder / "cameras.json").write_text("[]")
-    with pytest.raises(StorageError, match="no whole run"):
+    with pytest.raises(StorageError, match="cannot be read as a run"):
         read_run(folder)
     write_run(folder, shot, result, one_gaussian(), overwrite=True)
     (folder / "views.npy").write_bytes(b"")
-    with pytest.raises(StorageError, match="no whole run"):
+    with pytest.raises(StorageError, match="cannot be read as a run"):
         read_run(folder)
     with pytest.raises(StorageError):
         read_run(tmp_path / "nowhere")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.evaluation import read_run
 from gs2ci.evaluate.measuring import measure
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
 
 pytestmark = pytest.mark.usefixtures("undrawn")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.noise import SensorNoise, chi_squared_per_pixel
+from gs2ci.evaluate.metrics import SensorNoise, chi_squared_per_pixel
 
 
 def test_the_right_prediction_leaves_one_per_pixel_whatever_the_light():

@@ -1,5 +1,6 @@
 """Which shots belong to the views of a joint run, and the figures of each."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +9,11 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS
+from gs2ci.core.storage import write_shots
 from gs2ci.core.summed import summed
-from gs2ci.evaluate.evaluation import ReferenceData, evaluate, read_run
-from gs2ci.evaluate.metrics import image_scores
-from gs2ci.evaluate.noise import SensorNoise
-from gs2ci.evaluate.of_exposures import exposures_of
+from gs2ci.evaluate.evaluation import ReferenceData, evaluate, exposures_of
+from gs2ci.evaluate.metrics import SensorNoise, image_scores
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.report import ExposureSection, read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.exposures.merging import merged
@@ -104,15 +105,22 @@ def test_figures_of_an_exposure_need_only_its_own_truth(joint):
     assert all(one["depth"]["known_share"] == 1 for one in found["exposures"])
 
 
-def test_masks_that_registration_corrected_are_those_of_each_exposure(joint):
+def test_masks_that_registration_corrected_are_those_of_each_exposure(joint, tmp_path):
     own, whole, folder, _ = joint
+
+    def corrected(shot):
+        copy = tmp_path / shot.name
+        shutil.copytree(folder, copy)
+        write_shots(copy / "registered.h5", [shot])
+        return read_run(copy)
+
     run, evidence = read_run(folder), ReferenceData(whole, exposures=own)
     right = evaluate(run, evidence)["exposures"]
     believed = tuple(replace(one, masks=np.ascontiguousarray(one.masks[:, ::-1])) for one in own)
-    found = evaluate(replace(run, registered=whole), replace(evidence, exposures=believed))["exposures"]
+    found = evaluate(corrected(whole), replace(evidence, exposures=believed))["exposures"]
     assert [one["residual"]["rms"] for one in found] == pytest.approx([one["residual"]["rms"] for one in right])
-    other_unit = replace(whole, measurement=2 * whole.measurement)
-    found = evaluate(replace(run, registered=other_unit), evidence)["exposures"]
+    other_unit = replace(whole, measurement=2 * whole.measurement, name="twice")
+    found = evaluate(corrected(other_unit), evidence)["exposures"]
     assert [one["residual"] for one in found] == [None, None]
 
 

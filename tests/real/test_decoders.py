@@ -7,8 +7,7 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.decode.coupling import choose_coupling
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
 from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 

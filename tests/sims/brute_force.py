@@ -16,8 +16,8 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.quantisation import Quantisation
-from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.noises import ShotNoise
+from gs2ci_sims.effects.readout import Quantisation
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments

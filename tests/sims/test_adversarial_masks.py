@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.masks import MaskEdges
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain

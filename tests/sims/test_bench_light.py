@@ -3,11 +3,11 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.charges import FullWell
+from gs2ci_sims.effects.masks import MaskEdges
 from gs2ci_sims.effects.object_motion import ObjectMotion
-from gs2ci_sims.effects.stage_vibration import StageVibration
+from gs2ci_sims.effects.stage import StageVibration
+from gs2ci_sims.effects.views import LensDistortion
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import SensorFigures

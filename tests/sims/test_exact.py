@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.views import Defocus
 from gs2ci_sims.exact import ExactRenderer, rendering_error
 from gs2ci_sims.exposure import expose, integrate
 from gs2ci_sims.light_path import EffectChain

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gs2ci_sims import sampling
-from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.noises import Prnu
+from gs2ci_sims.effects.photons import ModulatorPsf
+from gs2ci_sims.effects.views import OpticsPsf
 from gs2ci_sims.exposure import integrate
 from gs2ci_sims.grain import BURSTS, LENGTH_PX, MeasuredGrain
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects

@@ -3,11 +3,9 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import LightStage
-from gs2ci_sims.effects.dsnu import Dsnu
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.quantisation import Quantisation
-from gs2ci_sims.effects.read_noise import ReadNoise
-from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.charges import FullWell
+from gs2ci_sims.effects.noises import Dsnu, ReadNoise, ShotNoise
+from gs2ci_sims.effects.readout import Quantisation
 from gs2ci_sims.light_path import EffectChain, generator
 from gs2ci_sims.rig import RigFigures
 

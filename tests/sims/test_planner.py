@@ -10,23 +10,16 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci_sims import light_path as light_paths
 from gs2ci_sims.effects.base import EffectRecord, LightStage
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
-from gs2ci_sims.effects.lcos_response import LcosResponse
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.mask_edges import MaskEdges
-from gs2ci_sims.effects.mirror_transition import MirrorTransition
-from gs2ci_sims.effects.misregistration import Misregistration
-from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.flicker import IlluminationFlicker
+from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges, Misregistration
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.noises import Prnu
 from gs2ci_sims.effects.object_motion import ObjectMotion
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.effects.rolling_shutter import RollingShutter
-from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.effects.trigger_timing import TriggerTiming
-from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.effects.photons import ModulatorPsf
+from gs2ci_sims.effects.stage import StageVibration
+from gs2ci_sims.effects.timing import RollingShutter, TriggerTiming
+from gs2ci_sims.effects.transitions import LcosResponse, MirrorTransition
+from gs2ci_sims.effects.views import Defocus, LensDistortion, OpticsPsf, Vignetting
 from gs2ci_sims.exposure import expose, integrate
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.masks import random_masks

@@ -7,40 +7,18 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.black_level import BlackLevel
-from gs2ci_sims.effects.blooming import Blooming
-from gs2ci_sims.effects.clock_drift import ClockDrift
-from gs2ci_sims.effects.dark_current import DarkCurrent
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.dsnu import Dsnu
-from gs2ci_sims.effects.dust import Dust
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.ghost_reflection import GhostReflection
-from gs2ci_sims.effects.hot_pixels import HotPixels
-from gs2ci_sims.effects.illumination_drift import IlluminationDrift
-from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
-from gs2ci_sims.effects.lcos_flicker import LcosFlicker
-from gs2ci_sims.effects.lcos_response import LcosResponse
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.mask_edges import MaskEdges
-from gs2ci_sims.effects.mirror_transition import MirrorTransition
-from gs2ci_sims.effects.misregistration import Misregistration
-from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.charges import Blooming, DarkCurrent, FullWell, Persistence
+from gs2ci_sims.effects.flicker import IlluminationDrift, IlluminationFlicker, LcosFlicker
+from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges, Misregistration
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.noises import Dsnu, HotPixels, Prnu, ReadNoise, RowNoise
 from gs2ci_sims.effects.object_motion import ObjectMotion
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.persistence import Persistence
-from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.effects.read_noise import ReadNoise
-from gs2ci_sims.effects.rolling_shutter import RollingShutter
-from gs2ci_sims.effects.row_noise import RowNoise
-from gs2ci_sims.effects.stage_backlash import StageBacklash
-from gs2ci_sims.effects.stage_ripple import StageRipple
-from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.effects.trigger_timing import TriggerTiming
-from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.effects.photons import Dust, GhostReflection, ModulatorPsf
+from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity
+from gs2ci_sims.effects.stage import StageBacklash, StageRipple, StageVibration
+from gs2ci_sims.effects.timing import ClockDrift, RollingShutter, TriggerTiming
+from gs2ci_sims.effects.transitions import LcosResponse, MirrorTransition
+from gs2ci_sims.effects.views import Defocus, LensDistortion, OpticsPsf, Vignetting
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import LIGHT_PATH, sensor_effects
 from gs2ci_sims.masks import random_masks

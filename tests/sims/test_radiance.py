@@ -44,7 +44,7 @@ def test_supersampling_converges_on_the_pixels_area_average(small_scene):
 
 
 def test_rendering_needs_at_least_one_sample_per_pixel():
-    with pytest.raises(InputError, match="samples per pixel"):
+    with pytest.raises(InputError, match="supersampling = 0"):
         Renderer(0)
 
 

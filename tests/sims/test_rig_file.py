@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.masks import Misregistration
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.exposure import integrate
 from gs2ci_sims.light_path import EffectChain
@@ -115,14 +115,14 @@ def test_a_stage_at_rest_is_one(tmp_path):
         ("[effects]\ndefocus = 3", r"'defocus' in \[effects\] is 3: it should be a table"),
         ("[light]\nfull_scale_photons = 'many'", "is 'many': it should be a number$"),
         ("[modulator]\nmasks = true", r"'masks' in \[modulator\] is True: it should be a whole number"),
-        ("[modulator]\nmasks = 0", "modulator with 0 masks"),
+        ("[modulator]\nmasks = 0", "masks = 0 in ModulatorFigures"),
         ("[effects.bayer_filter]\npattern = 'XYZW'", "is 'XYZW'"),
         ("[path]\ndirection = [1.0]", r"in \[path.direction\]|'direction' in \[path\]"),
         ("[path]\nturns = -1", "turns"),
         ("[path]\nturns = 2\nwobble_deg = 0.1", "2 turns and a wobble of 0.1 deg"),
         ("a = " + 5000 * "[", "nests too deep"),
         ("[scene]\nname = 'corridor'\nseed = 1", "for the scene 'planes' alone"),
-        ("device_seed = -1", "device_seed -1"),
+        ("device_seed = -1", "device_seed = -1"),
         ("light", "is not TOML"),
     ],
 )

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.black_level import BlackLevel
-from gs2ci_sims.effects.dsnu import Dsnu
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.quantisation import Quantisation
-from gs2ci_sims.effects.row_noise import RowNoise
+from gs2ci_sims.effects.charges import FullWell
+from gs2ci_sims.effects.noises import Dsnu, RowNoise
+from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity, Quantisation
 from gs2ci_sims.exposure import read_out, saturation_dn
 from gs2ci_sims.light_path import EffectChain, sensor_effects
 from gs2ci_sims.rig import RigFigures

@@ -8,17 +8,10 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.render.ply import write_ply
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.black_level import BlackLevel
-from gs2ci_sims.effects.blooming import Blooming
-from gs2ci_sims.effects.dark_current import DarkCurrent
-from gs2ci_sims.effects.dsnu import Dsnu
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.hot_pixels import HotPixels
-from gs2ci_sims.effects.persistence import Persistence
-from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.effects.read_noise import ReadNoise
-from gs2ci_sims.effects.rolling_shutter import RollingShutter
-from gs2ci_sims.effects.row_noise import RowNoise
+from gs2ci_sims.effects.charges import Blooming, DarkCurrent, Persistence
+from gs2ci_sims.effects.noises import Dsnu, HotPixels, Prnu, ReadNoise, RowNoise
+from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity
+from gs2ci_sims.effects.timing import RollingShutter
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import LIGHT_PATH, EffectChain, sensor_effects
 from gs2ci_sims.path import StageMove

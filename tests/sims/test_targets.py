@@ -3,8 +3,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.noises import Prnu
+from gs2ci_sims.effects.views import Defocus
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import SensorFigures
@@ -84,7 +84,7 @@ def test_a_board_fills_most_of_the_view_and_has_another_pose_for_each_index():
 
 
 def test_impossible_targets_are_refused():
-    with pytest.raises(InputError, match="flat field of radiance"):
+    with pytest.raises(InputError, match="radiance = -1"):
         EvenLight(radiance=-1.0)
     for wrong in ((2, 5, 1.0, 0.7), (7, 5, 1.0, 1.0)):
         with pytest.raises(InputError, match=r"a dictionary of cv2\.aruco"):

@@ -15,13 +15,12 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
-from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.flicker import IlluminationFlicker
+from gs2ci_sims.effects.masks import FiniteContrast
+from gs2ci_sims.effects.noises import RowNoise
 from gs2ci_sims.effects.object_motion import ObjectMotion
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.row_noise import RowNoise
-from gs2ci_sims.effects.stage_vibration import StageVibration
+from gs2ci_sims.effects.stage import StageVibration
+from gs2ci_sims.effects.views import LensDistortion, OpticsPsf
 from gs2ci_sims.sensor import SensorFigures
 from tests.stability import changes, damages, faults
 from tests.stability.benches import INTERVAL_S, Bench, ahead, aside, still, to_and_fro, turning

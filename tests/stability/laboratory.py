@@ -6,9 +6,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci_sims.effects.base import Effect
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.mask_edges import MaskEdges
-from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges, Misregistration
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.rig import RigFigures
 

@@ -21,9 +21,8 @@ from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.choices import ModelName
-from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.decode.pnp import plug_and_play

@@ -10,8 +10,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array, Container, damage_as_input_error
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
-from gs2ci.core.foreign.npy import read_npy
-from gs2ci.core.foreign.npz import TORCH_WAY_OUT, read_npz
+from gs2ci.core.foreign.npz import TORCH_WAY_OUT, read_npy, read_npz
 from gs2ci.core.foreign.pictures import is_picture, read_pictures
 
 _FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3), or pictures (PNG, TIFF, BMP, PGM, or a folder of them)"

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, fields
 from typing import Final
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -203,7 +202,6 @@ def picture(design: Design) -> bytes:
     if design.chosen.computing_s is not None:
         shown.append(("computing_s", "time of computing, expected at full size"))
     figure = Figure(figsize=(1 + 5 * len(shown), 5.2), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for axes, (name, label) in zip(panels, shown, strict=True):
         _panel(axes, design, name, label)

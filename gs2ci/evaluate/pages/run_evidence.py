@@ -1,12 +1,13 @@
-"""The contents of a run folder for its page, read as untrusted input.
+"""The contents of a run folder, read as untrusted input.
 
-Here: `RunEvidence` and its reading; `write_given`, the pictures and poses of the shot that the page needs; whether a
+Here: `FinishedRun` and its reading; `write_given`, the pictures and poses of the shot that the page needs; whether a
 run is of a shot. Not here: a trade-off record beside it (`gs2ci.evaluate.tradeoff.record`), the page (`run_page.py`).
 """
 
 import math
 import zipfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,12 +17,13 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F64, U8
 from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_with_file
 from gs2ci.core.json_text import parse_json
+from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import Shot, are_rigid
+from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.pages.pictures import media_type, to_eight_bit
-from gs2ci.evaluate.report import MOTION_PICTURE_NAME, Report, read_report
+from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, Report, read_report
 from gs2ci.evaluate.scales import white_level
-from gs2ci.evaluate.sureness import DEPTH_ERROR, VIEWS_ERROR
 
 GIVEN_NAME: Final = "given.npz"
 # An archive may claim any size; those of runs contain a few images.
@@ -30,19 +32,23 @@ MOST_PICTURE_BYTES: Final = 2**23
 
 
 @dataclass(frozen=True)
-class RunEvidence:
-    """A run folder's content.
+class FinishedRun:
+    """A run folder's content; arrays are read-only, and stay on the disk until they are used.
 
     Args:
+        folder: The folder.
         report: `report.json`.
         views: Recovered, [N, H, W, 3].
         decode: Decoded without a scene, the same shape.
         scene_views: Rendered from the Gaussians alone, the same shape.
+        exposed: The light integrated during each mask's time, the same shape, if the views show the middle of it.
         depth: [N, H, W], 0 at pixels without a depth; None if no depth was found.
+        depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
+        depth_confidence: Likewise.
         disagreement: [N, H, W], difference between several fits, full scale 1; None if there was one.
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
-        focal_x_px: Focal length along the rows.
-        focal_y_px: Focal length along the columns.
+        intrinsics: [3, 3], px.
+        distortion: Distortion of the lens, [5] as in `Shot`; None for a pinhole.
         views_error: Standard error of the views' values, [N, H, W]; None if the run has none.
         depth_error: Standard error of depth, in its unit, [N, H, W]; None likewise.
         motion_picture: The bytes of `motion.png`; None if nothing moves.
@@ -52,22 +58,36 @@ class RunEvidence:
         stage_world_to_camera: Likewise.
     """
 
+    folder: Path
     report: Report
     views: NDArray[Any]
     decode: NDArray[Any]
     scene_views: NDArray[Any]
+    exposed: NDArray[Any] | None
     depth: NDArray[Any] | None
+    depth_spread: NDArray[Any] | None
+    depth_confidence: NDArray[Any] | None
     disagreement: NDArray[Any] | None
     world_to_camera: F64
-    focal_x_px: float
-    focal_y_px: float
-    motion_picture: bytes | None = None
-    views_error: NDArray[Any] | None = None
-    depth_error: NDArray[Any] | None = None
+    intrinsics: F64
+    distortion: F64 | None
+    views_error: NDArray[Any] | None
+    depth_error: NDArray[Any] | None
+    motion_picture: bytes | None
     measurement: U8 | None = None
     true_views: U8 | None = None
     true_world_to_camera: F64 | None = None
     stage_world_to_camera: F64 | None = None
+
+    @cached_property
+    def registered(self) -> Shot | None:
+        """Get the measurement as corrected by the run's registration; None if it corrected nothing.
+
+        Raises:
+            StorageError: The file is damaged.
+        """
+        path = self.folder / REGISTERED_NAME
+        return read_shot(path) if path.is_file() else None
 
 
 def write_given(path: Path, shot: Shot) -> None:
@@ -81,7 +101,7 @@ def write_given(path: Path, shot: Shot) -> None:
     np.savez_compressed(path, **{name: array for name, array in arrays.items() if array is not None})  # type: ignore[arg-type]
 
 
-def read_evidence(folder: Path) -> RunEvidence:
+def read_run(folder: Path) -> FinishedRun:
     """Read a run folder.
 
     Raises:
@@ -109,7 +129,7 @@ def check_same_shot(folder: Path, shot: Shot) -> None:
         InputError: Its run is of another measurement.
         StorageError: It is no run folder, or a part of it is damaged.
     """
-    evidence = read_evidence(folder)
+    evidence = read_run(folder)
     same = evidence.views.shape[:3] == shot.masks.shape
     if same and evidence.measurement is not None:
         shown = _shown_measurement(shot)
@@ -129,7 +149,7 @@ def _shown_measurement(shot: Shot) -> U8:
     return to_eight_bit(shot.measurement / white_level(shot.measurement))
 
 
-def _read(folder: Path, report: Report) -> RunEvidence:
+def _read(folder: Path, report: Report) -> FinishedRun:
     views = _array(folder / "views.npy", axes=4)
     shape = views.shape
     if shape[3] != 3 or 0 in shape:
@@ -138,22 +158,23 @@ def _read(folder: Path, report: Report) -> RunEvidence:
         raise _contradiction(folder / "views.npy", shape, f"{[report.views, *report.size, 3]}, as its report says")
     path = folder / "cameras.json"
     transforms = parse_json(path.read_text(encoding="utf-8"))
-    given = _given(folder / GIVEN_NAME, shape)
-    poses = _poses(path, poses_of_transforms(transforms), len(views))
-    return RunEvidence(
+    focal_x_px, focal_y_px = (_positive(path, transforms[name]) for name in ("fl_x", "fl_y"))
+    lens = np.array([float(transforms.get(name, 0.0)) for name in COEFFICIENTS])
+    exposed = folder / EXPOSED_NAME
+    maps = ("depth", "depth_spread", "depth_confidence", "disagreement", "views_error", "depth_error")
+    return FinishedRun(
+        folder=folder,
         report=report,
         views=views,
         decode=_array_of_shape(folder / "decode.npy", shape),
         scene_views=_array_of_shape(folder / "scene_views.npy", shape),
-        depth=_map(folder / "depth.npy", shape),
-        disagreement=_map(folder / "disagreement.npy", shape),
-        world_to_camera=poses,
-        focal_x_px=_positive(path, transforms["fl_x"]),
-        focal_y_px=_positive(path, transforms["fl_y"]),
-        views_error=_map(folder / VIEWS_ERROR, shape),
-        depth_error=_map(folder / DEPTH_ERROR, shape),
+        exposed=_array_of_shape(exposed, shape) if exposed.is_file() else None,
+        world_to_camera=_poses(path, poses_of_transforms(transforms), len(views)),
+        intrinsics=np.array([[focal_x_px, 0, transforms["cx"]], [0, focal_y_px, transforms["cy"]], [0, 0, 1.0]]),
+        distortion=lens if lens.any() else None,
         motion_picture=_picture(folder / MOTION_PICTURE_NAME),
-        **given,
+        **{name: _map(folder / f"{name}.npy", shape) for name in maps},
+        **_given(folder / GIVEN_NAME, shape),
     )
 
 

@@ -20,7 +20,7 @@ from gs2ci.evaluate.pages.charts import Bar, Chart, Colour, Line
 from gs2ci.evaluate.pages.frame import PAGE_MARK, PageSection, page, piece
 from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import FigureOfMerit
-from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
+from gs2ci.evaluate.pages.run_evidence import FinishedRun, read_run
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
@@ -64,11 +64,11 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
         check_earlier(destination, PAGE_MARK, "a page")
     place = Path(folder) / "scene.ply"
     scene = read_ply(place) if place.is_file() else None
-    text = run_page(read_evidence(folder), read_record(folder), scene)
+    text = run_page(read_run(folder), read_record(folder), scene)
     return write_whole(Path(folder) / PAGE_NAME if destination is None else destination, text)
 
 
-def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scene: Gaussians | None = None) -> str:
+def run_page(evidence: FinishedRun, tradeoff: TradeoffRecord | None = None, scene: Gaussians | None = None) -> str:
     """Build the page of a run.
 
     Args:
@@ -176,14 +176,14 @@ def _views(report: Report, pictures: RunPictures) -> Markup:
     )
 
 
-def _scene(evidence: RunEvidence, scene: Gaussians | None, pictures: RunPictures) -> Markup:
+def _scene(evidence: FinishedRun, scene: Gaussians | None, pictures: RunPictures) -> Markup:
     if scene is None:
         return Markup()
     height, width = evidence.views.shape[1:3]
-    focal_px = (evidence.focal_x_px, evidence.focal_y_px)
+    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     alone = next((layer.pictures for layer in pictures.layers if layer.name == "scene"), None) or pictures.recovered
     still = alone[len(alone) // 2]
-    return scene_view(scene, evidence.world_to_camera, focal_px, (height, width), still)
+    return scene_view(scene, evidence.world_to_camera, (focal_x_px, focal_y_px), (height, width), still)
 
 
 def _views_lead(pictures: RunPictures) -> str:
@@ -285,7 +285,7 @@ def _sureness_lead(report: Report) -> str:
     )
 
 
-def _motion(evidence: RunEvidence) -> Markup:
+def _motion(evidence: FinishedRun) -> Markup:
     found = evidence.report.motion
     if found is None or not (found.tried or found.moves):
         return Markup()
@@ -307,7 +307,7 @@ def _motion_lead(report: Report) -> str:
     )
 
 
-def _path(evidence: RunEvidence, shown: Sequence[int]) -> Markup:
+def _path(evidence: FinishedRun, shown: Sequence[int]) -> Markup:
     report = evidence.report
     paths = Paths(evidence.world_to_camera, evidence.true_world_to_camera, evidence.stage_world_to_camera)
     unit = "true units" if paths.true is not None else "stage units" if paths.stage is not None else "scene units"
@@ -341,7 +341,7 @@ def _path(evidence: RunEvidence, shown: Sequence[int]) -> Markup:
     return drawing + pieces.facts(known)
 
 
-def _path_lead(evidence: RunEvidence) -> str:
+def _path_lead(evidence: FinishedRun) -> str:
     if evidence.true_world_to_camera is not None:
         return "The recovered path, aligned with the true one by a similarity, which no image can determine."
     if evidence.stage_world_to_camera is not None:

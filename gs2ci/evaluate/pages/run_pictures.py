@@ -19,7 +19,7 @@ from gs2ci.evaluate.pages.pictures import (
     scale_strip,
     to_eight_bit,
 )
-from gs2ci.evaluate.pages.run_evidence import RunEvidence
+from gs2ci.evaluate.pages.run_evidence import FinishedRun
 from gs2ci.evaluate.scales import error_ceiling, inverse_depth_limits
 from gs2ci.evaluate.wording import describe_number, told_apart
 
@@ -92,7 +92,7 @@ class RunPictures:
         return len(self.indices) == self.count
 
 
-def collect_pictures(evidence: RunEvidence) -> RunPictures:
+def collect_pictures(evidence: FinishedRun) -> RunPictures:
     """Choose, colour and encode the pictures of a run's page."""
     count = len(evidence.views)
     indices = np.unique(np.linspace(0, count - 1, min(count, MOST_VIEWS)).round().astype(int)).tolist()
@@ -166,7 +166,7 @@ def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[ComparisonL
     return rest if verdict == "decode" and rest else found
 
 
-def _depth(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+def _depth(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     """Colour depth by its inverse; one scale for all views."""
     if evidence.depth is None:
         return None
@@ -180,26 +180,26 @@ def _depth(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
     return list(colour(inverse, (low, high), "depth", empty=empty)), ticks, high
 
 
-def _error(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+def _error(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     if evidence.true_views is None:
         return None
     return _from_zero(np.stack([_absolute_error(evidence.views[i], evidence.true_views[i]) for i in indices]), "error")
 
 
-def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+def _disagreement(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     if evidence.disagreement is None:
         return None
     values = np.stack([evidence.disagreement[i] for i in indices]).astype(np.float64)
     return _from_zero(np.nan_to_num(values), "disagreement")
 
 
-def _views_error(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+def _views_error(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     if evidence.views_error is None:
         return None
     return _from_zero(np.stack([evidence.views_error[i] for i in indices]).astype(np.float64), "views_error")
 
 
-def _depth_error(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+def _depth_error(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     if evidence.depth_error is None or evidence.depth is None:
         return None
     depth, errors = (

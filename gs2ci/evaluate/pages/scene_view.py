@@ -16,6 +16,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import in_camera
 from gs2ci.evaluate.pages.frame import piece
 from gs2ci.evaluate.pages.pictures import Picture
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
@@ -52,7 +53,7 @@ def scene_view(
     middle = world_to_camera[len(world_to_camera) // 2]
     own = scene.detach().map(lambda tensor: tensor.double())
     opacity = torch.sigmoid(own.opacity_logits).numpy()
-    places = own.means.numpy() @ middle[:3, :3].T + middle[:3, 3]
+    places = in_camera(own.means.numpy(), middle)
     axes = middle[:3, :3] @ rotation_matrices(own.quaternions).numpy() * own.log_scales.exp().numpy()[:, None, :]
     seen = (opacity >= LEAST_OPACITY) & (places[:, 2] > 0) & np.isfinite(places).all(axis=1)
     if not seen.any():
@@ -97,7 +98,7 @@ def _camera_lines(
     corners = side * np.concatenate([signs * half, np.ones((4, 1))], axis=1)
     lines: list[F64] = []
     for pose in to_middle:
-        rim = corners @ pose[:3, :3].T + pose[:3, 3]
+        rim = in_camera(corners, pose)
         for k in range(4):
             lines += [pose[:3, 3], rim[k], rim[k], rim[(k + 1) % 4]]
     for one, other in pairwise(centres):

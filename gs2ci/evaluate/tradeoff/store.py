@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import StorageError, reason_of
-from gs2ci.core.json_text import parse_json
+from gs2ci.core.json_text import as_json, parse_json
 from gs2ci.core.whole_file import write_whole
 
 # Packages whose sources are hashed, because any change in them may change a figure.
@@ -50,7 +50,7 @@ class Store:
         Raises:
             StorageError: The disk refuses.
         """
-        write_whole(self._path(key), json.dumps(row, indent=1, allow_nan=False) + "\n", parents=True)
+        write_whole(self._path(key), as_json(row), parents=True)
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.json"

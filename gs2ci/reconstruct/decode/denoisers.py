@@ -1,52 +1,41 @@
-"""Denoisers of plug-and-play decoders: the `Denoiser` protocol, and two that need no weights.
+"""Denoisers of plug-and-play decoders: what a `Denoiser` is, and two that need no weights.
 
 Here: total variation and non-local means. Not here: learned denoisers (`learned.onnx_denoiser`), the decoders (`pnp`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
+from pydantic import PositiveInt
 from skimage.restoration import denoise_nl_means
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
 from gs2ci.reconstruct.threads import in_threads
 
-
-class Denoiser(Protocol):
-    """Removes white noise from images."""
-
-    def __call__(self, views: F32, sigma: float) -> F32:
-        """Denoise a stack.
-
-        Args:
-            views: [N, C, H, W] float32 with C = 1 or 3, full scale 1, not clamped. The denoiser may overwrite it.
-            sigma: Standard deviation of the noise, full scale 1.
-
-        Returns:
-            The same shape.
-        """
+Denoiser = Callable[[F32, float], F32]
+"""Removes white noise of a standard deviation, full scale 1, from a stack, [N, C, H, W] float32 with C = 1 or 3, full
+scale 1, not clamped, which it may overwrite; the result has the same shape."""
 
 
-@dataclass(frozen=True)
-class Clamped:
-    """Another denoiser, whose results are kept between black and white.
+def clamped(denoise: Denoiser) -> Denoiser:
+    """Return a denoiser whose results are kept between black and white.
 
     A step towards the measurement from views outside that range explains it by light that no scene sends.
     """
 
-    denoise: Denoiser
-
-    def __call__(self, views: F32, sigma: float) -> F32:
-        """Denoise; arguments as for `Denoiser`."""
-        denoised = self.denoise(views, sigma)
+    def within(views: F32, sigma: float) -> F32:
+        denoised = denoise(views, sigma)
         return np.clip(denoised, 0, 1, out=denoised)
+
+    return within
 
 
 @dataclass(frozen=True)
-class TotalVariation:
+class TotalVariation(BoundedRecord):
     """The minimiser of ½‖u − x‖² + λ TV(u), each colour apart, by a few steps of Chambolle's dual method.
 
     Args:
@@ -58,13 +47,9 @@ class TotalVariation:
             if every pixel moves, they lose as much.
     """
 
-    weight_per_sigma: float = 0.7
-    inner: int = 10
-    coupling: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.weight_per_sigma < np.inf or self.inner < 1 or not 0 <= self.coupling < np.inf:
-            raise InputError(f"total variation {self}", allowed="weight_per_sigma > 0, inner >= 1, coupling >= 0")
+    weight_per_sigma: Positive = 0.7
+    inner: PositiveInt = 10
+    coupling: NotNegative = 0.0
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise in place; arguments as for `Denoiser`."""
@@ -81,7 +66,7 @@ class TotalVariation:
 
 
 @dataclass(frozen=True)
-class NonLocalMeans:
+class NonLocalMeans(BoundedRecord):
     """Means over patches that look alike (Buades 2005, in scikit-image's fast form by Darbon 2008).
 
     Better than total variation on white noise; worse inside a decoder, where the residue of the masks is not white and
@@ -94,13 +79,9 @@ class NonLocalMeans:
         reach_px: How far patches are searched in each direction.
     """
 
-    cutoff_per_sigma: float = 0.7
-    patch_px: int = 5
-    reach_px: int = 6
-
-    def __post_init__(self) -> None:
-        if not 0 < self.cutoff_per_sigma < np.inf or self.patch_px < 1 or self.reach_px < 1:
-            raise InputError(f"non-local means {self}", allowed="cutoff_per_sigma > 0, patch_px >= 1, reach_px >= 1")
+    cutoff_per_sigma: Positive = 0.7
+    patch_px: PositiveInt = 5
+    reach_px: PositiveInt = 6
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise view by view, colours together; arguments as for `Denoiser`."""

@@ -1,7 +1,13 @@
 """GAP-TV: generalised alternating projection with a total-variation denoiser (Yuan 2016, accelerated form).
 
-Here: the decoder that the pipeline calls. Not here: its loop (`pnp`, `kernels`), other denoisers. Its views are good
-enough for tracking and plane sweeps; they are never a photometric target of the fit.
+Here: the decoder that the pipeline calls; the same of a scene's residual; and how strongly consecutive views are
+coupled, chosen by held-out pixels. Not here: its loop (`pnp`, `kernels`), other denoisers, the share of a decoded
+residual that is added to views (`gs2ci.reconstruct.fit.combining.refinement`). Its views are good enough for tracking
+and plane sweeps; they are never a photometric target of the fit.
+
+A Gaussian scene can show only what all views agree on. The rest (gloss, the grain of real surfaces, detail that the
+Gaussians have not resolved) remains in the measurement's residual, which is a coded measurement like any other: a few
+steps decode it.
 """
 
 from collections.abc import Sequence
@@ -9,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import torch
 from pydantic import PositiveInt
 
 from gs2ci.core.arrays import F32
@@ -16,8 +23,10 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot, Truth
-from gs2ci.reconstruct.decode.denoisers import Clamped, Denoiser, TotalVariation
+from gs2ci.reconstruct.decode.denoisers import Denoiser, TotalVariation, clamped
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
+from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 
 # Total variation of this weight is the right prior for errors of power s² if differences between neighbours are
 # Laplacian with a mean absolute value of s² over the weight. In sharp pictures that is 0.02 to 0.1; the largest of
@@ -95,7 +104,7 @@ def decode_signed(
     schedule = PlugAndPlaySettings(sigmas=(settings.weight,), iterations=settings.iterations)
     denoiser: Denoiser = TotalVariation(weight_per_sigma=1.0, inner=settings.inner, coupling=settings.coupling)
     if settings.clamped:
-        denoiser = Clamped(denoiser)
+        denoiser = clamped(denoiser)
     weighed = None if noise is None else ReadingNoise(noise, _error_power)
     return plug_and_play(shot, denoiser, schedule, progress, noise=weighed)
 
@@ -112,3 +121,65 @@ def _by_channel(shot: Shot, settings: GapTvSettings, noise: F32 | None) -> F32:
 
 def _error_power(weight: float) -> float:
     return _GRADIENT * weight
+
+
+RESIDUAL: Final = GapTvSettings(iterations=5, weight=0.02)
+"""How the residual is decoded: in few steps, since it is small, and most of its finest part is noise."""
+
+
+def decode_residual(
+    shot: Shot | Sequence[Shot], scene_views: F32, settings: GapTvSettings, noise: F32 | None = None
+) -> F32:
+    """Decode the measurement's residual by views of a scene.
+
+    Args:
+        shot: The measurement, with or without its held-out pixels; several are measurements of the same views.
+        scene_views: Views of the scene, [N, H, W, C] float32; need not be clamped.
+        settings: How the residual is decoded.
+        noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
+
+    Returns:
+        The missing part of the views, [N, H, W, C] float32, of either sign.
+
+    Raises:
+        InputError: The settings make no sense, or the views do not fit the shot.
+    """
+    shots = [shot] if isinstance(shot, Shot) else shot
+    views = torch.from_numpy(scene_views)
+    left_over = [_less(one, Coding.of(one).forward(views).numpy()) for one in shots]
+    return decode_signed(left_over, settings, noise=noise)
+
+
+def decode_left_over(shot: Shot, predicted: F32, settings: GapTvSettings, noise: F32 | None = None) -> F32:
+    """Decode what a predicted measurement, [H, W, C], leaves of a shot's; results and errors as above."""
+    return decode_signed(_less(shot, predicted), settings, noise=noise)
+
+
+def _less(shot: Shot, predicted: F32) -> Shot:
+    return replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))
+
+
+COUPLINGS: Final = (0.0, 0.3, 0.6)
+
+
+def choose_coupling(
+    shot: Shot, settings: GapTvSettings, seed: int, candidates: Sequence[float] = COUPLINGS
+) -> GapTvSettings:
+    """Set the coupling with which a decode predicts held-out pixels best.
+
+    Args:
+        shot: A checked shot.
+        settings: Everything but the coupling.
+        seed: Of the draw of the held-out pixels.
+        candidates: Couplings to try, each at the cost of one decode. The first is used if no pixel can be held out.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    holdout = Holdout.of(shot, HELDOUT_SHARE, seed)
+    choices = [replace(settings, coupling=coupling).check() for coupling in candidates]
+
+    def unexplained(choice: GapTvSettings) -> float:
+        return holdout.residual_rms(decode_signed(holdout.seen, choice)) or 0.0
+
+    return min(choices, key=unexplained) if holdout.pixels.any() else choices[0]

@@ -36,7 +36,6 @@ from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.combining.metric import in_given_unit
-from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fusion import hand_over
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.moving import MotionReport
@@ -46,6 +45,7 @@ from gs2ci.reconstruct.placing import placed as on_device
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.reconstruct.threads import one_torch_thread
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend

@@ -19,8 +19,8 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.cameras import camera_centres
-from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.core.cameras import camera_centres, in_camera
+from gs2ci.core.lens import places_of, rays_of
 from gs2ci.core.run_figures import WithoutExposure
 
 # Points of each exposure's middle view, on a lattice.
@@ -51,19 +51,16 @@ class ViewsTogether:
 
     def rays(self, pixels: F64) -> F64:
         """Return the rays of pixels, [P, 2] as (x, y), at z = 1: [P, 3]."""
-        slopes = slopes_of(pixels, self.intrinsics)
-        slopes = slopes if self.distortion is None else undistorted(slopes, self.distortion)
-        return np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
+        return rays_of(pixels, self.intrinsics, self.distortion)
 
     def sees(self, view: int, points: F64) -> Bool:
         """Tell which points, [P, 3], a view shows: those in its picture that lie on its own surface, [P]."""
         height, width = self.depth.shape[1:]
         pose = self.world_to_camera[view]
-        there = points @ pose[:3, :3].T + pose[:3, 3]
+        there = in_camera(points, pose)
         ahead = there[:, 2] > 0
         slopes = there[:, :2] / np.where(ahead, there[:, 2], 1.0)[:, None]
-        bent = slopes if self.distortion is None else distorted(slopes, self.distortion)
-        pixels = pixels_of(bent, self.intrinsics)
+        pixels = places_of(slopes, self.intrinsics, self.distortion)
         inside = ahead & (pixels >= 0).all(axis=1) & (pixels < (width, height)).all(axis=1)
         column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
         seen: Bool = inside & (np.abs(self.depth[view, row, column] - there[:, 2]) <= _SAME_SURFACE * there[:, 2])

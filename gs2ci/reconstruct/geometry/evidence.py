@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.lens import pixel_centres
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.depth.carrying import carried_places
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
-from gs2ci.reconstruct.measurement.lens import Lens, pixel_centres
+from gs2ci.reconstruct.measurement.lens import Lens
 
 # OpenCV's limit on the number of positions in one call.
 _MOST_AT_ONCE: Final = 32_000

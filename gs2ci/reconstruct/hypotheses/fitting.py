@@ -13,7 +13,7 @@ from typing import Final
 from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.decode.residual import ResidualSettings
+from gs2ci.reconstruct.decode.gap_tv import RESIDUAL
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
@@ -195,7 +195,7 @@ class Fits:
 
     def fine(self, ensemble: Ensemble, renderer: ShotRenderer, fine: LastStage) -> Ensemble:
         """Take the best of several fits through the fine stage; return the mean of all."""
-        detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).decode
+        detailed = Refinement(self.holdout, self.settings.residual or RESIDUAL).decode
         fined = fine.fit(
             self.fitted,
             ensemble.best,

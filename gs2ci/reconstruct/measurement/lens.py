@@ -19,7 +19,7 @@ from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.lens import LEAST_STRETCH, distorted, pixels_of, slopes_of, stretch, undistorted
+from gs2ci.core.lens import LEAST_STRETCH, pixel_centres, pixels_of, places_of, slopes_of, stretch, undistorted
 from gs2ci.core.records import Shot
 from gs2ci.render.sampling import CanvasSampling
 
@@ -70,7 +70,7 @@ class Lens:
         _check_canvas(places, shot.size)
         sampling = CanvasSampling.around(places, _BORDER_PX)
         rays = slopes_of(pixel_centres(sampling.canvas) + sampling.origin, intrinsics)
-        seen_at = pixels_of(distorted(rays, coefficients), intrinsics)
+        seen_at = places_of(rays, intrinsics, coefficients)
         frame = np.array([shot.size[1], shot.size[0]], np.float64)
         seen_at = np.clip(seen_at, -frame, 2 * frame)  # positions farther outside are not needed
         inside = (seen_at >= 0) & (seen_at <= frame)
@@ -107,12 +107,6 @@ def _check_canvas(places: F64, size: tuple[int, int]) -> None:
             allowed=f"{SMALLEST_CANVAS:g} to {LARGEST_CANVAS:g} times the sensor along each side",
             remedy="check the coefficients, or crop masks, measurement and camera matrix to the middle of the frame",
         )
-
-
-def pixel_centres(size: tuple[int, int]) -> F64:
-    """List the pixel centres of an image as (x, y), [H, W, 2]."""
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-    return np.stack([columns, rows], axis=-1)
 
 
 def _resampled(views: F32, places: F64, order: Literal[1, 3]) -> F32:

@@ -243,6 +243,15 @@ def enlarging_step(scene: Previewed, effect: "Effect") -> BoundStep:
     return BoundStep("A", scene.gain_after(effect), "", "by how much the effects after it may enlarge a change")
 
 
+def of_charge(
+    scene: Previewed, effect: "Effect", rms_e: float, peak_e: float, law: str, *steps: BoundStep, random: bool = False
+) -> Bound:
+    """Bound the readings by a change of the charge, electrons, derived from these steps by a law in them, A and K."""
+    dn = scene.rig.dn_per_e * scene.gain_after(effect)
+    steps = (*steps, enlarging_step(scene, effect), gain_step(scene.rig))
+    return Bound(dn * rms_e, dn * peak_e, random).by(law, *steps)
+
+
 class EffectRecord(BoundedRecord):
     """Base of effects: bounded parameters, a name, and a bound where an effect states none: it cannot be left out.
 

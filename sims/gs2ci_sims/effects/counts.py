@@ -1,6 +1,6 @@
 """The largest count of a pixel whose mean is known, and the largest sum of random terms: used in the bounds of noises.
 
-Not here: drawing the counts (`shot_noise`).
+Not here: drawing the counts (`noises.ShotNoise`).
 """
 
 from typing import Any, Final

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci_sims.alignment import WeightSet
 from gs2ci_sims.effects.base import Charging, Effect, Lowering, having
 from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
-from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.noises import ShotNoise
 from gs2ci_sims.previewed.motion import PreviewedMotion
 
 
@@ -62,14 +62,14 @@ class PreviewedCharge(PreviewedMotion):
     @cached_property
     def charge_rms_e(self) -> float:
         """Get a bound of the rms over the pixels of the charge."""
-        predicted = float(np.sqrt(np.square(self.charge_e).mean())) + self.charge_error_e
-        return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
+        predicted = rms_of(self.charge_e) + self.charge_error_e
+        return min(predicted, rms_of(self.most_e))
 
     @cached_property
     def light_rms_e(self) -> float:
         """Get a bound of the rms of the charge, wherever an effect may move the light before it is recorded."""
-        predicted = self.colours * float(np.sqrt(np.square(self.light_e).mean())) + self.light_error_e
-        return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
+        predicted = self.colours * rms_of(self.light_e) + self.light_error_e
+        return min(predicted, rms_of(self.most_e))
 
     @cached_property
     def charge_mean_e(self) -> float:
@@ -115,5 +115,4 @@ class PreviewedCharge(PreviewedMotion):
         error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e / after
         likely, most = beyond(self.charge_e), beyond(self.most_e)
         mean = min(float(likely.mean()) + error_e, float(most.mean()))
-        rms = min(float(np.sqrt(np.square(likely).mean())) + error_e, float(np.sqrt(np.square(most).mean())))
-        return mean, rms, float(most.max())
+        return mean, min(rms_of(likely) + error_e, rms_of(most)), float(most.max())

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci_sims.effects.base import Effect, LightStage, Moving, ViewChange, having
 from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
@@ -129,7 +129,7 @@ class PreviewedMotion(PreviewedViews):
         """
         intrinsics = with_margin(self.scene.intrinsics, self.margin)
         seen = [change(View(view, intrinsics, self.margin)) for view in self.wide_views]
-        rms = max(float(np.sqrt(np.square(one).mean())) for one in seen)
+        rms = max(rms_of(one) for one in seen)
         peak = max(float(np.abs(one).max()) for one in seen)
         away_px = float(self._away_px(self.intervals_s).max())
         moved = self.filtered(lambda f: shares(f) * shift_shares(f, away_px))[0] * self._excess_change
@@ -151,7 +151,7 @@ class PreviewedMotion(PreviewedViews):
                     self.scene, self.path, self.path, moments[:1], moments[None, 1:].repeat(2, axis=1)
                 )
                 expected = self._shifted_rms(float(moved[0]))
-                differ = float(np.sqrt(np.square(self.views[first] - self.views[second]).mean()))
+                differ = rms_of(self.views[first] - self.views[second])
                 # Views that differ by no more than the rasteriser's grain tell nothing.
                 if differ > 10 * self.grain:
                     worst = max(worst, differ / max(expected, self.grain or 1e-12))

@@ -5,6 +5,7 @@ are derived. Here: the views on the sensor, the masks as effects leave them, the
 filter or a shift changes in a view. Not here: anything that happens while the image moves.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +14,6 @@ from typing import Any, Final
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
@@ -25,9 +25,8 @@ from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import binned
 from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
-from gs2ci_sims.spectrum import MovingSpectrum, amplitude_left
+from gs2ci_sims.spectrum import MovingSpectrum, moving_spectrum
 
-SPECTRUM_BINS: Final = 193
 # A spectrum needs some pixels: that of a smaller sensor is measured with a margin.
 SIDE_MIN_PX: Final = 24
 
@@ -199,17 +198,8 @@ class PreviewedViews:
         full, as if it were seen.
         """
         views = spectral_part(self.fine_views, self.scene.size, self.margin, self.samples)
-        _, height, width, _ = views.shape
-        fine_pixels = self.samples**2 * float(np.prod(self.scene.size))
-        power = np.square(dctn(views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / fine_pixels
-        down = np.arange(height) / (2 * height) * self.samples
-        right = np.arange(width) / (2 * width) * self.samples
-        left_down, left_right = (np.square(amplitude_left(side, self.samples, 0.0)) for side in (down, right))
-        power *= left_down[:, None] * left_right
-        frequency = np.hypot(down[:, None], right)
-        ends = np.linspace(0, self.samples * np.sqrt(0.5), SPECTRUM_BINS)
-        place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
-        return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
+        found = moving_spectrum(views, self.samples, self.samples, 0.0, math.prod(self.scene.size))
+        return found.frequency, found.power.sum(axis=1)
 
     @cached_property
     def spectrum(self) -> MovingSpectrum:

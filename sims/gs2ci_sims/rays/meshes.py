@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import in_camera
 from gs2ci.core.errors import InputError
 from gs2ci.core.kernels import EXACT, f64, f64_1, f64_2, f64_3, helper, i64, i64_1, i64_2, in_parts, kernel
 from gs2ci_sims.rays.tiles import TILE, by_tile, sphere_bounds
@@ -132,7 +133,7 @@ def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: 
     Returns:
         Radiance [H, W, 3], bilinear in the texture, and depth z [H, W]; black and infinite for rays that meet nothing.
     """
-    corners = mesh.corners @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
+    corners = in_camera(mesh.corners, world_to_camera)
     begins, items = by_tile(_bounds(corners, intrinsics), size)
     shapes = np.array([texture.shape[:2] for texture in mesh.textures], dtype=np.int64).reshape(-1, 2)
     starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))]).astype(np.int64)

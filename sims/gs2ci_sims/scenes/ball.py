@@ -13,9 +13,10 @@ from scipy.special import eval_legendre
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import pixel_centres, rays_of
 from gs2ci.render.harmonics import DEGREE_MAX, basis
 from gs2ci_sims.scene import Scene
-from gs2ci_sims.scenes.rectangles import SPACING_PX, TOWARDS_LIGHT, depth_of, rays
+from gs2ci_sims.scenes.rectangles import SPACING_PX, TOWARDS_LIGHT, depth_of
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, room
 from gs2ci_sims.scenes.surfels import Surfels, from_tangents, gaussians_from_surfels, join
 
@@ -101,7 +102,7 @@ def highlight(normals: F64, shine: float, exponent: float) -> tuple[F64, F64]:
 
 def sphere_depth(centre: F64, radius: float, frame: SuggestedCamera) -> F64:
     """Return the depth at which every pixel's ray meets a sphere, [H, W]; NaN for rays that miss it."""
-    directions = rays(frame.intrinsics, frame.size)
+    directions = rays_of(pixel_centres(frame.size), frame.intrinsics)
     along, square = directions @ centre, np.sum(directions**2, axis=-1)
     root = along**2 - square * (centre @ centre - radius**2)
     return np.where(root >= 0, (along - np.sqrt(np.maximum(root, 0.0))) / square, np.nan)

@@ -15,15 +15,12 @@ from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.ball import ball
-from gs2ci_sims.scenes.boxes import boxes, moving_box
-from gs2ci_sims.scenes.corridor import corridor
 from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.ply import scene_from_ply
 from gs2ci_sims.scenes.rgbd import motorcycle
+from gs2ci_sims.scenes.rooms import boxes, corridor, moving_box, textureless, thicket
 from gs2ci_sims.scenes.stage import SuggestedCamera
-from gs2ci_sims.scenes.textureless import textureless
-from gs2ci_sims.scenes.thicket import thicket
 
 Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]

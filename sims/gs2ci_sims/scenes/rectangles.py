@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.lens import pixel_centres, rays_of
 from gs2ci_sims.scenes.surfels import Surfels, from_tangents
 
 # Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
@@ -164,16 +165,9 @@ def chequered(rng: np.random.Generator, strip: Rectangle, tile: float, colours: 
     return coloured(strip, np.clip(colours[odd] * (1 + grain(rng, (rows, columns), 0.7)), 0.0, 1.0))
 
 
-def rays(intrinsics: F64, size: tuple[int, int]) -> F64:
-    """Get the directions of all pixels' rays with z = 1, [H, W, 3]."""
-    y, x = np.mgrid[: size[0], : size[1]] + 0.5
-    across = np.stack([(x - intrinsics[0, 2]) / intrinsics[0, 0], (y - intrinsics[1, 2]) / intrinsics[1, 1]], -1)
-    return np.concatenate([across, np.ones((*size, 1))], -1)
-
-
 def depth_of(rectangles: list[Rectangle], intrinsics: F64, size: tuple[int, int]) -> F64:
     """Return the depth of the nearest rectangle on every pixel's ray, [H, W]; NaN for rays that miss all."""
-    directions = rays(intrinsics, size)
+    directions = rays_of(pixel_centres(size), intrinsics)
     nearest = np.full(size, np.inf)
     for rectangle in rectangles:
         window = _window(rectangle, intrinsics, size)

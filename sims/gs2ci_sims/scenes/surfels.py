@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import pixel_centres, rays_of
 from gs2ci.render.gaussians import Gaussians
 
 # Standard deviation of a disc in units of the sample spacing: at 0.6 the sum of a unit grid of Gaussians is even
@@ -110,7 +111,7 @@ def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Bool, intrins
         jump: Neighbours whose inverse depths differ by more are different surfaces.
     """
     rows, columns = np.nonzero(present)
-    rays = _rays(intrinsics, present.shape)[rows, columns]
+    rays = rays_of(pixel_centres(present.shape)[rows, columns], intrinsics)
     depth = 1.0 / inverse_depth[rows, columns]
     tangents = []
     for axis, focal in ((1, intrinsics[0, 0]), (0, intrinsics[1, 1])):
@@ -140,13 +141,6 @@ def surface_slope(values: F64, present: Bool, axis: int, jump: float) -> F64:
         total[part] += np.where(same, ahead, 0.0)
         count[part] += same
     return total / np.maximum(count, 1)
-
-
-def _rays(intrinsics: F64, shape: tuple[int, ...]) -> F64:
-    y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
-    return np.stack(
-        [(x - intrinsics[0, 2]) / intrinsics[0, 0], (y - intrinsics[1, 2]) / intrinsics[1, 1], np.ones(shape)], -1
-    )
 
 
 def gaussians_from_surfels(surfels: Surfels) -> Gaussians:

@@ -18,15 +18,15 @@ either). Not here: the library's binary interface (tests build a stand-in in C f
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from errno import EBUSY, EIO, ENODEV
 from typing import Any, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import U8
 from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import Event, World
 
 STALE = declare("alp.stale", "the device still shows the sequence of a session that was killed")
@@ -66,7 +66,15 @@ class _Pictures:
         return self.illuminate_us or self.picture_us - DARK_US
 
 
-class AlpTwin:
+class _Refused(Exception):  # noqa: N818  a code of the library's, not an error of the twin's
+    """The library returns this code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+class AlpTwin(Plugged["_Session"]):
     """A device with the library above it, as a `LibraryPort`.
 
     Args:
@@ -90,42 +98,31 @@ class AlpTwin:
         memory: int = 43_690,
         temperature_c: float | None = 36.5,
     ) -> None:
+        super().__init__(faults)
         self.world = world
-        self.faults = faults or FaultSet()
         self.size = (height, width)
         self.memory = memory
         self.temperature_c = temperature_c
-        self.plugged = True
         self._line = f"{name}.out"
-        self._session: _Session | None = None
         self._event: Event | None = None
         self._reset()
 
-    def open(self) -> "_Session":
-        """Load the library, as a process does; one at a time here.
-
-        Raises:
-            OSError: EBUSY while another session is open, ENODEV when unplugged.
-        """
-        if not self.plugged:
-            raise OSError(ENODEV, "No such device")
-        if self._session is not None:
-            raise OSError(EBUSY, "Device or resource busy")
+    def _begin_session(self) -> "_Session":
+        """Load the library, as a process does; one at a time here."""
         if self.faults.take(STALE):
             self._sequences[99] = _Pictures(np.full((1, *self.size), 255, np.uint8), uninterrupted=True)
             self._begin(self._sequences[99], endless=True)
-        self._session = _Session(self)
-        return self._session
+        return _Session(self)
 
-    def unplug(self) -> None:
-        """Unplug it; its pictures and settings are lost, and it goes dark."""
-        self.plugged = False
-        self._session = None
+    def _lose(self) -> None:
+        """Lose pictures and settings, and go dark."""
         self._reset()
 
-    def plug_in(self) -> None:
-        """Plug it in again; a new session has to be opened."""
-        self.plugged = True
+    def _closed(self) -> None:
+        """React as the driver does, which frees a device that its process leaves allocated."""
+        if self.allocated:
+            self._end()
+            self._reset()
 
     def _reset(self) -> None:
         self.allocated = False
@@ -147,15 +144,21 @@ class AlpTwin:
     def answer(self, function: str, numbers: Sequence[int], data: bytes) -> tuple[int, int]:
         """Run a function of the library; return its code, and the number that it writes."""
         self.world.clock.sleep_s(_CALL_S)
+        try:
+            return _OK, self._answered(function, list(numbers), data)
+        except _Refused as refused:
+            return refused.code, 0
+
+    def _answered(self, function: str, numbers: list[int], data: bytes) -> int:
         if not self.plugged:
-            return (_NOT_ONLINE if function == "AlpDevAlloc" else _REMOVED), 0
+            raise _Refused(_NOT_ONLINE if function == "AlpDevAlloc" else _REMOVED)
         refused = self.faults.take(REFUSES, function)
         if refused:
-            return int(refused.value or _INVALID), 0
+            raise _Refused(int(refused.value or _INVALID))
         if function == "AlpDevAlloc":
             return self._allocate()
         if not self.allocated:
-            return _NOT_AVAILABLE, 0
+            raise _Refused(_NOT_AVAILABLE)
         handler = {
             "AlpDevInquire": self._inquire,
             "AlpDevControlEx": self._control_gate,
@@ -171,16 +174,21 @@ class AlpTwin:
             "AlpProjStart": self._start_once,
             "AlpProjStartCont": self._start_endless,
         }[function]
-        return handler(list(numbers[1:]), data)
+        return handler(numbers[1:], data)
 
-    def _allocate(self) -> tuple[int, int]:
+    def _sequence(self, ident: int) -> _Pictures:
+        if ident not in self._sequences:
+            raise _Refused(_NOT_AVAILABLE)
+        return self._sequences[ident]
+
+    def _allocate(self) -> int:
         if self.allocated or self.faults.take(HELD):
-            return _NOT_READY, 0
+            raise _Refused(_NOT_READY)
         self._reset()
         self.allocated = True
-        return _OK, 7
+        return 7
 
-    def _inquire(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _inquire(self, numbers: list[int], data: bytes) -> int:
         if self.faults.take(FLOATS):
             self.floating = True
             self._end()
@@ -197,54 +205,50 @@ class AlpTwin:
         }
         if self.temperature_c is not None:
             known |= dict.fromkeys((2050, 2051, 2052), round(self.temperature_c * 256))
-        return (_OK, known[numbers[0]]) if numbers[0] in known else (_INVALID, 0)
+        return _known(known, numbers[0])
 
-    def _control_gate(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _control_gate(self, numbers: list[int], data: bytes) -> int:
         if numbers[0] != 2023 or len(data) != 18:
-            return _INVALID, 0
+            raise _Refused(_INVALID)
         period, polarity, entries = struct.unpack("<BB16s", data)
         if period > 16:
-            return _INVALID, 0
+            raise _Refused(_INVALID)
         self._gate = (polarity == 1, [entry == 1 for entry in entries[:period]])
         if self._shown is None:
             self.world.bus.drive(self._line, not self._gate[0])
-        return _OK, 0
+        return 0
 
-    def _halt(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _halt(self, numbers: list[int], data: bytes) -> int:
         self._end()
-        return _OK, 0
+        return 0
 
-    def _free(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _free(self, numbers: list[int], data: bytes) -> int:
         if self._shown is not None:
-            return _NOT_IDLE, 0
+            raise _Refused(_NOT_IDLE)
         self._reset()
-        return _OK, 0
+        return 0
 
-    def _seq_alloc(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _seq_alloc(self, numbers: list[int], data: bytes) -> int:
         bits, count = numbers
         used = sum(len(one.levels) for one in self._sequences.values())
         if bits != 1 or count < 1:
-            return _INVALID, 0
+            raise _Refused(_INVALID)
         if used + count > self.memory:
-            return _FULL, 0
+            raise _Refused(_FULL)
         self._sequences[self._next_id] = _Pictures(np.zeros((count, *self.size), np.uint8))
         self._next_id += 1
-        return _OK, self._next_id - 1
+        return self._next_id - 1
 
-    def _seq_free(self, numbers: list[int], data: bytes) -> tuple[int, int]:
-        one = self._sequences.get(numbers[0])
-        if one is None:
-            return _NOT_AVAILABLE, 0
+    def _seq_free(self, numbers: list[int], data: bytes) -> int:
+        one = self._sequence(numbers[0])
         if one is self._shown:
-            return _IN_USE, 0
+            raise _Refused(_IN_USE)
         del self._sequences[numbers[0]]
-        return _OK, 0
+        return 0
 
-    def _seq_control(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _seq_control(self, numbers: list[int], data: bytes) -> int:
         ident, kind, value = numbers
-        one = self._sequences.get(ident)
-        if one is None:
-            return _NOT_AVAILABLE, 0
+        one = self._sequence(ident)
         if kind == 2104 and value in (2105, 2106):
             one.uninterrupted = value == 2106
         elif kind == 2100 and value >= 1:
@@ -252,13 +256,11 @@ class AlpTwin:
         elif kind == 2110 and value in (0, 1):
             one.settings[kind] = value
         else:
-            return _INVALID, 0
-        return _OK, 0
+            raise _Refused(_INVALID)
+        return 0
 
-    def _seq_inquire(self, numbers: list[int], data: bytes) -> tuple[int, int]:
-        one = self._sequences.get(numbers[0])
-        if one is None:
-            return _NOT_AVAILABLE, 0
+    def _seq_inquire(self, numbers: list[int], data: bytes) -> int:
+        one = self._sequence(numbers[0])
         known = {
             2200: 1,
             2201: len(one.levels),
@@ -268,58 +270,52 @@ class AlpTwin:
             2212: SHORTEST_US,
             2213: LONGEST_US,
         }
-        return (_OK, known[numbers[1]]) if numbers[1] in known else (_INVALID, 0)
+        return _known(known, numbers[1])
 
-    def _seq_timing(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _seq_timing(self, numbers: list[int], data: bytes) -> int:
         ident, illuminate_us, picture_us, delay_us, pulse_us, _ = numbers
-        one = self._sequences.get(ident)
-        if one is None:
-            return _NOT_AVAILABLE, 0
+        one = self._sequence(ident)
         if picture_us == 0:
             picture_us = illuminate_us + (0 if one.uninterrupted else DARK_US) if illuminate_us else 33_334
         longest_us = picture_us - (0 if one.uninterrupted else DARK_US)
         shortest_us = SHORTEST_US if one.uninterrupted else SHORTEST_US + DARK_US
         if not shortest_us <= picture_us <= LONGEST_US or illuminate_us > longest_us or delay_us:
-            return _INVALID, 0
+            raise _Refused(_INVALID)
         one.illuminate_us, one.picture_us, one.pulse_us = illuminate_us, picture_us, pulse_us or longest_us
-        return _OK, 0
+        return 0
 
-    def _seq_put(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _seq_put(self, numbers: list[int], data: bytes) -> int:
         ident, offset, load = numbers
-        one = self._sequences.get(ident)
-        if one is None:
-            return _NOT_AVAILABLE, 0
+        one = self._sequence(ident)
         if one is self._shown:
-            return _IN_USE, 0
+            raise _Refused(_IN_USE)
         pictures = np.frombuffer(data, np.uint8).reshape(-1, *self.size)
         if len(pictures) != load or offset + load > len(one.levels):
-            return _INVALID, 0
+            raise _Refused(_INVALID)
         bit = 1 if one.settings.get(2110) == 1 else 0x80
         one.levels[offset : offset + load] = (pictures & bit) != 0
         self.world.clock.sleep_s(pictures.size / 8 / UPLOAD_BYTES_S + 1e-3)
-        return _OK, 0
+        return 0
 
-    def _proj_control(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _proj_control(self, numbers: list[int], data: bytes) -> int:
         if numbers[0] != 2306:
-            return _INVALID, 0
+            raise _Refused(_INVALID)
         self._inverted = numbers[1] != 0
-        return _OK, 0
+        return 0
 
-    def _start_once(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _start_once(self, numbers: list[int], data: bytes) -> int:
         return self._start(numbers[0], endless=False)
 
-    def _start_endless(self, numbers: list[int], data: bytes) -> tuple[int, int]:
+    def _start_endless(self, numbers: list[int], data: bytes) -> int:
         return self._start(numbers[0], endless=True)
 
-    def _start(self, ident: int, *, endless: bool) -> tuple[int, int]:
-        one = self._sequences.get(ident)
-        if one is None:
-            return _NOT_AVAILABLE, 0
+    def _start(self, ident: int, *, endless: bool) -> int:
+        one = self._sequence(ident)
         if self._shown is not None:
             self._queued = (one, endless)
         else:
             self._begin(one, endless=endless)
-        return _OK, 0
+        return 0
 
     def _begin(self, one: _Pictures, *, endless: bool) -> None:
         self._shown = one
@@ -362,12 +358,16 @@ class AlpTwin:
         self._shown = self._queued = None
 
 
-class _Session:
+def _known(told: Mapping[int, int], kind: int) -> int:
+    if kind not in told:
+        raise _Refused(_INVALID)
+    return told[kind]
+
+
+class _Session(Session[AlpTwin]):
     """The library in one process: a `LibraryPort`."""
 
-    def __init__(self, twin: AlpTwin) -> None:
-        self._twin = twin
-        self._open = True
+    what = "library"
 
     def call(self, function: str, numbers: Sequence[int], data: bytes = b"") -> int:
         """Call a function."""
@@ -377,19 +377,8 @@ class _Session:
         """Call a function that writes a number."""
         return self._answer(function, numbers, b"")
 
-    def close(self) -> None:
-        """Unload it: the driver frees a device that its process leaves allocated."""
-        if self._open:
-            self._open = False
-            if self._twin._session is self:
-                self._twin._session = None
-                if self._twin.allocated:
-                    self._twin._end()
-                    self._twin._reset()
-
     def _answer(self, function: str, numbers: Sequence[int], data: bytes) -> tuple[int, int]:
-        if not self._open:
-            raise OSError(EIO, "the library was closed")
+        self._require_open()
         return self._twin.answer(function, numbers, data)
 
 

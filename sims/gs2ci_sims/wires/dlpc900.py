@@ -5,7 +5,6 @@ Here: the USB side (64-byte reports, one shared buffer, numbering) and its fault
 with the driver.
 """
 
-from errno import EBUSY, ENODEV
 from functools import partial
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ from gs2ci_sims.wires.dlpc900_firmware import Firmware, Refusal
 from gs2ci_sims.wires.dlpc900_lamp import Lamp
 from gs2ci_sims.wires.dlpc900_sequencer import START_LATENCY_S
 from gs2ci_sims.wires.dlpc900_tables import COMMAND_NAMES
+from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import Event, World
 
 REPLY_LOST = declare("dlpc900.reply_lost", "a reply is never sent")
@@ -36,7 +36,7 @@ REPLY_LATENCY_S: Final = 2e-3
 _BUFFER_BYTES: Final = 512
 
 
-class Dlpc900Twin:
+class Dlpc900Twin(Plugged["_Session"]):
     """A controller with its mirrors, below the HID port.
 
     Args:
@@ -63,45 +63,27 @@ class Dlpc900Twin:
         start_latency_s: float = START_LATENCY_S,
         lamp: Lamp = "switched",
     ) -> None:
+        super().__init__(faults)
         self.world = world
         self.clock = world.clock
-        self.faults = faults or FaultSet()
-        self.plugged = True
         self.firmware = Firmware(
             world, self.faults, name=name, dmd=dmd, counts_repeats=counts_repeats, bit_enables=bit_enables
         )
         self.firmware.sequencer.start_latency_s = start_latency_s
         self.firmware.lamp = lamp
-        self._session: _Session | None = None
         self._message = bytearray()
         self._expected = 0
         self._outgoing: list[bytes] = []
         self._answering: list[Event] = []
 
-    def open(self) -> "_Session":
-        """Open the interface as the operating system does; return a `HidPort`.
-
-        Raises:
-            OSError: ENODEV when unplugged, EBUSY when open already.
-        """
-        if not self.plugged:
-            raise OSError(ENODEV, "No such device")
-        if self._session is not None:
-            raise OSError(EBUSY, "Resource busy")
-        self._session = _Session(self)
+    def _begin_session(self) -> "_Session":
         self._outgoing = [b"\xc0\x01\x01\x00\x7f".ljust(REPORT_BYTES, b"\0")] if self.faults.take(STALE) else []
-        return self._session
+        return _Session(self)
 
-    def unplug(self) -> None:
-        """Pull the USB cable: open sessions fail from now on, patterns stay in memory."""
-        self.plugged = False
-        self._session = None
-        self._drop_message()
+    def _lose(self) -> None:
+        """Lose what is under way; patterns stay in memory."""
+        self._message.clear()
         self._drop_replies()
-
-    def plug_in(self) -> None:
-        """Put the cable back."""
-        self.plugged = True
 
     def power_cycle(self) -> None:
         """Cut the power: like `unplug`, and all memory is lost."""
@@ -117,7 +99,7 @@ class Dlpc900Twin:
         self._message += report
         if len(self._message) >= self._expected:
             message = bytes(self._message[: self._expected])
-            self._drop_message()
+            self._message.clear()
             self._handle(message)
 
     def device_sends(self) -> bytes | None:
@@ -185,9 +167,6 @@ class Dlpc900Twin:
         if self.plugged:
             self._outgoing.append(report)
 
-    def _drop_message(self) -> None:
-        self._message.clear()
-
     def _drop_replies(self) -> None:
         if self._answering or self._outgoing:
             for event in self._answering:
@@ -196,12 +175,8 @@ class Dlpc900Twin:
             self._outgoing.clear()
 
 
-class _Session:
+class _Session(Session[Dlpc900Twin]):
     """One opening of the twin's interface: a `HidPort`."""
-
-    def __init__(self, twin: Dlpc900Twin) -> None:
-        self._twin = twin
-        self._open = True
 
     def write(self, report: bytes, timeout_s: float) -> None:
         """Send one report; takes one USB frame of 1 ms."""
@@ -237,17 +212,6 @@ class _Session:
         twin.clock.wait_until(lambda: bool(twin._outgoing) or not twin.plugged, timeout_s)
         self._require_alive()
         return twin.device_sends() or b""
-
-    def close(self) -> None:
-        """Close the session; a second call does nothing."""
-        if self._open:
-            self._open = False
-            if self._twin._session is self:
-                self._twin._session = None
-
-    def _require_alive(self) -> None:
-        if not self._open or not self._twin.plugged or self._twin._session is not self:
-            raise OSError(ENODEV, "No such device (it may have been disconnected)")
 
 
 def simulated(world: World, settings: Any) -> Dlpc900Twin:

@@ -307,12 +307,10 @@ class GrblTwin(GrblCore):
         dwelt()
 
     def _gcode(self, text: str) -> str:
-        words = _WORD.findall(text)
-        if "".join(letter + number for letter, number in words) != text:
+        words = _words(text)
+        if words is None:
             return "error:1"
-        modes = {letter + number for letter, number in words if letter == "G"}
-        values = {letter: float(number) for letter, number in words if letter != "G"}
-        feed = values.pop("F", 0.0)
+        modes, values, feed = words
         if modes - {"G0", "G1", "G21", "G53", "G90", "G94"} or set(values) - {"X", "Y", "Z"}:
             return "error:20"
         if values and self._state != "Check":
@@ -324,14 +322,12 @@ class GrblTwin(GrblCore):
     def _jog(self, text: str) -> str:
         if self._state not in ("Idle", "Jog"):
             return "error:8"
-        words = _WORD.findall(text)
-        if "".join(letter + number for letter, number in words) != text:
+        words = _words(text)
+        if words is None:
             return "error:2"
-        modes = {letter + number for letter, number in words if letter == "G"}
+        modes, values, feed = words
         if modes - {"G53", "G21", "G90"}:
             return "error:16"
-        values = {letter: float(number) for letter, number in words if letter != "G"}
-        feed = values.pop("F", 0.0)
         if feed <= 0:
             return "error:22"
         if not values or set(values) - {letter.upper() for letter in AXES[: len(self._axes)]}:
@@ -348,6 +344,16 @@ class GrblTwin(GrblCore):
             inside(self._build, self._settings, i, values.get(AXES[i].upper(), axis.position_at(now_s)))
             for i, axis in enumerate(self._axes)
         )
+
+
+def _words(text: str) -> tuple[set[str], dict[str, float], float] | None:
+    """Return a line's modes, the values of its other letters, and its feed; None for what are no words."""
+    words = _WORD.findall(text)
+    if "".join(letter + number for letter, number in words) != text:
+        return None
+    values = {letter: float(number) for letter, number in words if letter != "G"}
+    feed = values.pop("F", 0.0)
+    return {letter + number for letter, number in words if letter == "G"}, values, feed
 
 
 def simulated(world: World, settings: Any) -> GrblTwin:

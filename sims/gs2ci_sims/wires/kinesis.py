@@ -18,7 +18,7 @@ level (`serial_twin`), the driver.
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
@@ -260,7 +260,7 @@ class KinesisTwin(SerialTwin):
         def arrive() -> None:
             if axis.homing and axis.motion.ends_s == ends_s:
                 axis.homed, axis.homing, axis.offset = True, False, 0
-                self._arrive(self._short(0x0444, address), self.clock.now_s())
+                self._arrive(struct.pack("<HBBBB", 0x0444, 1, 0, 0x01, address), self.clock.now_s())
 
         self.clock.at(ends_s, arrive)
 
@@ -345,10 +345,6 @@ class KinesisTwin(SerialTwin):
     def _long(ident: int, source: int, data: bytes) -> bytes:
         return struct.pack("<HHBB", ident, len(data), 0x81, source) + data
 
-    @staticmethod
-    def _short(ident: int, source: int) -> bytes:
-        return struct.pack("<HBBBB", ident, 1, 0, 0x01, source)
-
 
 def simulated(world: World, settings: Any) -> KinesisTwin:
     """Build the twin that a rig file's [stage] and [world] describe: stages as their models are built."""
@@ -356,15 +352,7 @@ def simulated(world: World, settings: Any) -> KinesisTwin:
     axes = {}
     for name, _ in sorted(settings.axes.items(), key=lambda one: one[1]):
         built = BUILT[settings.stages[name]]
-        axes[name] = AptAxis(
-            built.counts_per_mm,
-            built.travel_mm,
-            built.speed_mm_s,
-            built.acceleration_mm_s2,
-            built.sample_s,
-            stated.start_mm(built.start_mm),
-            stated.mechanics(name),
-        )
+        axes[name] = replace(built, start_mm=stated.start_mm(built.start_mm), mechanics=stated.mechanics(name))
     benchtop = any(settings.axes.values())
     model = "BBD202" if benchtop else "KDC101"
     return KinesisTwin(world.clock, axes, stated.faults["stage"], model=model, benchtop=benchtop)

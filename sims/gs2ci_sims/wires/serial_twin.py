@@ -6,10 +6,11 @@ with `_reply`. Faults of the line lose, delay, repeat, cut, join and corrupt mes
 Here: the byte level. Not here: the protocols. `gs2ci.rig` and tests call `open`, `plug_in` and the fault set.
 """
 
-from abc import ABC, abstractmethod
-from errno import EBUSY, EIO, ENODEV
+from abc import abstractmethod
+from errno import EIO
 
 from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import VirtualClock
 
 REPLY_LOST = declare("serial.reply_lost", "a reply is never sent")
@@ -32,8 +33,8 @@ _TOLD_BYTES = 4096
 PIECE_GAP_S = 2e-3
 
 
-class SerialTwin(ABC):
-    """A device behind a serial line.
+class SerialTwin(Plugged["SerialSession"]):
+    """A device behind a serial line; unplugging does not cut its power.
 
     Args:
         clock: The world's clock.
@@ -42,39 +43,20 @@ class SerialTwin(ABC):
     """
 
     def __init__(self, clock: VirtualClock, faults: FaultSet | None = None, baud: int = 115200) -> None:
+        super().__init__(faults)
         self.clock = clock
-        self.faults = faults or FaultSet()
-        self.plugged = True
         self._byte_s = 10.0 / baud
-        self._session: SerialSession | None = None
         self._incoming = b""
         self._outgoing = b""
         self._held = b""
         self._line_free_s = 0.0
 
-    def open(self) -> "SerialSession":
-        """Open the port as the operating system does.
-
-        Raises:
-            OSError: ENODEV when unplugged, EBUSY when open already.
-        """
-        if not self.plugged:
-            raise OSError(ENODEV, "No such device")
-        if self._session is not None:
-            raise OSError(EBUSY, "Device or resource busy")
-        self._session = SerialSession(self)
+    def _begin_session(self) -> "SerialSession":
         self._outgoing = self._stale() if self.faults.take(STALE) else b""
-        return self._session
+        return SerialSession(self)
 
-    def unplug(self) -> None:
-        """Unplug the device; an open session fails from now on."""
-        self.plugged = False
-        self._session = None
+    def _lose(self) -> None:
         self._incoming = self._outgoing = self._held = b""
-
-    def plug_in(self) -> None:
-        """Plug the device in again; a new session has to be opened. Unplugging does not cut its power."""
-        self.plugged = True
 
     @property
     @abstractmethod
@@ -154,12 +136,8 @@ class SerialTwin(ABC):
                 self._line(line)
 
 
-class SerialSession:
+class SerialSession(Session[SerialTwin]):
     """One opening of a twin's port: a `BytePort`."""
-
-    def __init__(self, twin: SerialTwin) -> None:
-        self._twin = twin
-        self._open = True
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send bytes to the twin, which takes the time that follows from the baud rate.
@@ -188,17 +166,3 @@ class SerialSession:
         self._require_alive()
         data, twin._outgoing = twin._outgoing[:max_bytes], twin._outgoing[max_bytes:]
         return data
-
-    def close(self) -> None:
-        """Close the session; a second call does nothing."""
-        if self._open:
-            self._open = False
-            if self._twin._session is self:
-                self._twin._session = None
-                self._twin._closed()
-
-    def _require_alive(self) -> None:
-        if not self._open:
-            raise OSError(EIO, "the port is closed")
-        if not self._twin.plugged or self._twin._session is not self:
-            raise OSError(ENODEV, "No such device")

@@ -78,6 +78,10 @@ class ZaberAxis:
     mechanics: Mechanics = field(default_factory=Mechanics)
 
 
+class _RejectedError(Exception):
+    """A command that the device rejects, with the word of its reply."""
+
+
 class _Axis:
     """An axis with its live settings and its warning flags."""
 
@@ -182,18 +186,26 @@ class ZaberTwin(SerialTwin):
 
     def _answer(self, number: int, message_id: int | None, words: list[str]) -> None:
         text = " ".join(words)
-        verb = words[0] if words else ""
-        accepted, data = True, "0"
-        if number > len(self._axes):
-            accepted, data = False, "BADAXIS"
-        elif words and self.faults.take(REJECT, text):
-            accepted, data = False, "AGAIN"
-        elif words and self.faults.take(BAD_DATA, text):
-            accepted, data = False, "BADDATA"
-        else:
-            handler = getattr(self, f"_do_{verb}", None) if verb else (lambda number, words: (True, "0"))
-            accepted, data = handler(number, words[1:]) if handler else (False, "BADCOMMAND")
+        accepted = True
+        try:
+            data = self._done(number, words, text)
+        except _RejectedError as rejected:
+            accepted, data = False, str(rejected)
         self._send(number, message_id, text, accepted=accepted, data=data)
+
+    def _done(self, number: int, words: list[str], text: str) -> str:
+        """Do what a message asks; return the data of the reply."""
+        if number > len(self._axes):
+            raise _RejectedError("BADAXIS")
+        if not words:
+            return "0"
+        for fault, rejection in ((REJECT, "AGAIN"), (BAD_DATA, "BADDATA")):
+            if self.faults.take(fault, text):
+                raise _RejectedError(rejection)
+        handler = getattr(self, f"_do_{words[0]}", None)
+        if handler is None:
+            raise _RejectedError("BADCOMMAND")
+        return handler(number, words[1:]) or "0"
 
     def _send(self, number: int, message_id: int | None, text: str, *, accepted: bool, data: str) -> None:
         take = self.faults.take
@@ -236,7 +248,7 @@ class ZaberTwin(SerialTwin):
         """Return an axis; all for 0 and for a number that no axis has."""
         return self._axes[number - 1 : number] or self._axes
 
-    def _do_get(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_get(self, number: int, words: list[str]) -> str:
         setting = words[0] if words else ""
         whole = {
             "deviceid": "50081",
@@ -247,7 +259,7 @@ class ZaberTwin(SerialTwin):
             "comm.alert": "0",
         }
         if setting in whole:
-            return True, whole[setting]
+            return whole[setting]
         now_s = self.clock.now_s()
         values = []
         for axis in self._chosen(number):
@@ -263,31 +275,30 @@ class ZaberTwin(SerialTwin):
                 "cloop.settle.tolerance": axis.built.settle_um,
             }
             if of_axis.get(setting) is None:
-                return False, "BADCOMMAND"
+                raise _RejectedError("BADCOMMAND")
             values.append(str(of_axis[setting]))
-        return True, " ".join(values)
+        return " ".join(values)
 
-    def _do_set(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_set(self, number: int, words: list[str]) -> None:
         if len(words) != 2 or not words[1].isdigit():
-            return False, "BADDATA"
+            raise _RejectedError("BADDATA")
         if words[0] == "comm.checksum":
             self._replies_checked = words[1] == "1"
         elif words[0] == "maxspeed" and 1 <= int(words[1]) <= 10 * self._axes[0].built.max_speed:
             for axis in self._chosen(number):
                 axis.max_speed = int(words[1])
         elif words[0] == "maxspeed":
-            return False, "BADDATA"
+            raise _RejectedError("BADDATA")
         elif words[0] != "comm.alert":
-            return False, "BADCOMMAND"
-        return True, "0"
+            raise _RejectedError("BADCOMMAND")
 
-    def _do_warnings(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_warnings(self, number: int, words: list[str]) -> str:
         flags = self._flags(number)
         if words == ["clear"]:
             self._clear(number, set(CLEARED))
-        return True, " ".join([f"{len(flags):02d}", *flags])
+        return " ".join([f"{len(flags):02d}", *flags])
 
-    def _do_stop(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_stop(self, number: int, words: list[str]) -> None:
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             if axis.motion.moving_at(now_s):
@@ -295,24 +306,20 @@ class ZaberTwin(SerialTwin):
                 axis.motion.stop(now_s)
         self._busy_until_s = 0.0
         self._generation += 1
-        return True, "0"
 
-    def _do_estop(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_estop(self, number: int, words: list[str]) -> None:
         self._end_motion(self._chosen(number), "NI")
-        return True, "0"
 
-    def _do_driver(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_driver(self, number: int, words: list[str]) -> None:
         if words == ["disable"]:
             self._end_motion(self._chosen(number), "FO")
         elif words == ["enable"]:
             self._clear(number, {"FO", "FD", "FV", "FH"})
         else:
-            return False, "BADCOMMAND"
-        return True, "0"
+            raise _RejectedError("BADCOMMAND")
 
-    def _do_home(self, number: int, words: list[str]) -> tuple[bool, str]:
-        if self._disabled(number):
-            return False, "DRIVERDISABLED"
+    def _do_home(self, number: int, words: list[str]) -> None:
+        self._need_driver(number)
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             home_mm = axis.motion.counted_mm(0.0)
@@ -320,7 +327,6 @@ class ZaberTwin(SerialTwin):
             axis.flags -= {"FS", "FE"}
             self._schedule_faults(axis, now_s, ends_s, "home")
             self._schedule_reference(axis, ends_s)
-        return True, "0"
 
     def _schedule_reference(self, axis: _Axis, ends_s: float) -> None:
         """Give an axis its reference when it gets home, unless it has been stopped or moved elsewhere before."""
@@ -332,33 +338,30 @@ class ZaberTwin(SerialTwin):
 
         self.clock.at(ends_s, arrive)
 
-    def _do_move(self, number: int, words: list[str]) -> tuple[bool, str]:
+    def _do_move(self, number: int, words: list[str]) -> None:
         kinds = {"abs": 2, "rel": 2, "vel": 2, "min": 1, "max": 1}
         most = 2 if self._takes_speeds else 0  # a speed and an acceleration for this move alone
         if not words or words[0] not in kinds or not kinds[words[0]] <= len(words) <= kinds[words[0]] + most:
-            return False, "BADCOMMAND"
+            raise _RejectedError("BADCOMMAND")
         speeds = words[kinds[words[0]] :]
-        if self._disabled(number):
-            return False, "DRIVERDISABLED"
+        self._need_driver(number)
         try:
             value = int(words[1]) if kinds[words[0]] > 1 else 0
             speed = int(speeds[0]) if speeds else None
         except ValueError:
-            return False, "BADDATA"
+            raise _RejectedError("BADDATA") from None
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             if axis.motion.moving_at(now_s):
                 axis.flags.add("NI")
             axis.flags -= {"FS", "FE", "WL"}
-            if not self._move_axis(axis, words[0], value, now_s, speed):
-                return False, "BADDATA"
-        return True, "0"
+            self._move_axis(axis, words[0], value, now_s, speed)
 
-    def _move_axis(self, axis: _Axis, kind: str, value: int, now_s: float, speed: int | None) -> bool:
+    def _move_axis(self, axis: _Axis, kind: str, value: int, now_s: float, speed: int | None) -> None:
         built = axis.built
         if kind == "vel":
             axis.motion.move_at(value / SPEED_SCALE * built.microstep_mm, now_s)
-            return True
+            return
         target = {
             "abs": value,
             "rel": axis.steps_at(now_s) + value,
@@ -366,17 +369,16 @@ class ZaberTwin(SerialTwin):
             "max": built.max_steps,
         }[kind]
         if not built.min_steps <= target <= built.max_steps:
-            return False
+            raise _RejectedError("BADDATA")
         target_mm = target * built.microstep_mm
         slip = self.faults.take(SLIP, kind)
         if slip:
             target_mm -= slip.value or 0.1
         if speed is not None and not 1 <= speed <= axis.max_speed:
-            return False
+            raise _RejectedError("BADDATA")
         ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(speed), now_s)
         self._schedule_faults(axis, now_s, ends_s, kind)
         self.disturbances.schedule([axis.motion], ends_s, f"move {kind}")
-        return True
 
     def _schedule_faults(self, axis: _Axis, now_s: float, ends_s: float, about: str) -> None:
         """Schedule the faults of this move."""
@@ -415,11 +417,12 @@ class ZaberTwin(SerialTwin):
             axis.flags |= set(flags)
             axis.motion.halt(self.clock.now_s())
 
-    def _disabled(self, number: int) -> bool:
+    def _need_driver(self, number: int) -> None:
         if self.faults.take(DRIVER_DISABLED):
             for axis in self._chosen(number):
                 axis.flags.add("FO")
-        return any(axis.flags & {"FO", "FD", "FV"} for axis in self._chosen(number))
+        if any(axis.flags & {"FO", "FD", "FV"} for axis in self._chosen(number)):
+            raise _RejectedError("DRIVERDISABLED")
 
 
 def simulated(world: World, settings: Any) -> ZaberTwin:

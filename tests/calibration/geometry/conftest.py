@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci_calibration.geometry.board import Board, Sighting
 from gs2ci_calibration.options import BoardSpec
 from gs2ci_calibration.refusals import CalibrationError
-from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.views import LensDistortion
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.targets import BoardPlane, board_scene
 from tests.benchmarks.calibration_geometry import random_bench

@@ -12,8 +12,8 @@ from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.plan import CaptureSettings
 from gs2ci_drivers.sensor import SensorConfig
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.kernels import blurred
+from gs2ci_sims.effects.masks import FiniteContrast
 from gs2ci_sims.registration import MaskAlignment
 
 BLACK_DN = 20.0

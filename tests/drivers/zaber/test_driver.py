@@ -117,7 +117,7 @@ def test_an_axis_that_the_device_lacks_is_refused():
 def test_an_axis_whose_own_speed_moves_nothing_is_a_bad_reply(maxspeed):
     _, twin, stage = make()
     original = twin._do_get
-    twin._do_get = lambda number, words: (True, maxspeed) if words == ["maxspeed"] else original(number, words)
+    twin._do_get = lambda number, words: maxspeed if words == ["maxspeed"] else original(number, words)
     with pytest.raises(BadReplyError, match="axis x cannot move"):
         stage.connect()
 
@@ -158,7 +158,7 @@ def test_a_warning_list_that_is_none_is_a_bad_reply():
     clock = VirtualClock()
     _, twin, stage = make()
     stage.connect()
-    twin._do_warnings = lambda number, words: (True, "02 FS")
+    twin._do_warnings = lambda number, words: "02 FS"
     with pytest.raises(BadReplyError, match="not a count and its flags"):
         stage.status()
     assert clock.now_s() > 0
@@ -168,7 +168,7 @@ def test_a_position_that_is_no_number_is_a_bad_reply():
     _, twin, stage = make()
     stage.connect()
     original = twin._do_get
-    twin._do_get = lambda number, words: (True, "many") if words == ["pos"] else original(number, words)
+    twin._do_get = lambda number, words: "many" if words == ["pos"] else original(number, words)
     with pytest.raises(BadReplyError, match="not a number"):
         stage.positions_mm()
 

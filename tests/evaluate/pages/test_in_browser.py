@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gs2ci.evaluate.pages.run_evidence import read_evidence
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.pages.run_page import write_run_page
 
 WIDTHS = (360, 390, 768, 1280)
@@ -78,7 +78,7 @@ def test_a_screenshot_shows_ink_on_paper_in_the_light_and_the_reverse_in_the_dar
 
 
 def test_the_divider_uncovers_the_one_view_and_the_other(tab, page, whole_run):
-    evidence = read_evidence(whole_run)
+    evidence = read_run(whole_run)
     tab.open(page, 1280)
     middle = len(evidence.views) // 2
     picture = picture_of_the_stage(tab)
@@ -93,7 +93,7 @@ def test_the_divider_uncovers_the_one_view_and_the_other(tab, page, whole_run):
 
 @pytest.mark.parametrize("layer", ["truth", "scene", "measurement"])
 def test_the_result_can_be_compared_with_everything_else(tab, page, whole_run, layer):
-    evidence = read_evidence(whole_run)
+    evidence = read_run(whole_run)
     wanted = {
         "truth": evidence.true_views[4] / 255,
         "scene": evidence.scene_views[4],
@@ -109,7 +109,7 @@ def test_the_result_can_be_compared_with_everything_else(tab, page, whole_run, l
 
 
 def test_stepping_through_the_views_moves_everything_that_shows_one(tab, page, whole_run):
-    evidence = read_evidence(whole_run)
+    evidence = read_run(whole_run)
     tab.open(page, 1280)
     set_slider(tab, ".view", 8)
     set_slider(tab, ".split", 0)

@@ -10,14 +10,14 @@ from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.run_figures import EnsembleSection, RaceEntry
 from gs2ci.core.run_records import SECONDS_KEYS
-from gs2ci.evaluate.pages.run_evidence import read_evidence
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.pages.run_page import run_page, write_run_page
 from gs2ci.evaluate.report import Scores
 
 
 @pytest.fixture(scope="module")
 def evidence(whole_run):
-    return read_evidence(whole_run)
+    return read_run(whole_run)
 
 
 @pytest.fixture(scope="module")

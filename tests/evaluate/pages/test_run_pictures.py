@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from gs2ci.evaluate.pages.run_evidence import read_evidence
+from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.pages.run_pictures import collect_pictures
 
 
 @pytest.fixture(scope="module")
 def evidence(whole_run):
-    return read_evidence(whole_run)
+    return read_run(whole_run)
 
 
 def pixels(picture):

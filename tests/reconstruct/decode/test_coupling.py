@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.decode.coupling import COUPLINGS, choose_coupling
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.gap_tv import COUPLINGS, GapTvSettings, choose_coupling
 
 
 def test_views_that_stay_the_same_are_coupled_as_strongly_as_may_be(make_shot):

@@ -5,9 +5,9 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.decode.gap_tv import RESIDUAL, decode_residual
 
-SETTINGS = ResidualSettings()
+SETTINGS = RESIDUAL
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_arguments_are_not_changed(shot, truth):
 @pytest.mark.parametrize("settings", [{"iterations": 0}, {"weight": 0.0}, {"inner": 0}])
 def test_settings_that_make_no_sense_are_refused(shot, truth, settings):
     with pytest.raises(InputError, match="in GapTvSettings"):
-        with_residual(shot, truth, ResidualSettings(**settings))
+        with_residual(shot, truth, replace(SETTINGS, **settings))
 
 
 def test_views_that_do_not_fit_the_shot_are_refused(shot, truth):

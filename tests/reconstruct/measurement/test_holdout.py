@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.decode.gap_tv import RESIDUAL, GapTvSettings, decode_residual, gap_tv
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout, surely_larger
 
@@ -110,9 +109,7 @@ def test_what_was_measured_on_held_out_pixels_changes_no_bit_of_decode_and_resid
     results = []
     for measurement in (shot.measurement, other):
         seen = Holdout(replace(shot, measurement=measurement), heldout).seen
-        results.append(
-            (gap_tv(seen, GapTvSettings(iterations=5)), decode_residual(seen, scene_views, ResidualSettings()))
-        )
+        results.append((gap_tv(seen, GapTvSettings(iterations=5)), decode_residual(seen, scene_views, RESIDUAL)))
     for first, second in zip(*results, strict=True):
         np.testing.assert_array_equal(first, second)
 

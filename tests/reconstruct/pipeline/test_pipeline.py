@@ -18,7 +18,6 @@ from gs2ci.core.run_figures import EnsembleSection
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
-from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.fit.losses.objective import LossWeights
@@ -263,7 +262,7 @@ def test_a_wrong_scene_loses_against_the_decode_and_the_decode_is_kept(shot):
     settings = replace(
         QUICK,
         fit=replace(QUICK.fit, iterations=1),
-        residual=ResidualSettings(iterations=1, weight=1.0),
+        residual=GapTvSettings(iterations=1, weight=1.0),
     )
     result = reconstruct(expose(unrelated), settings).result
     assert result.verdict == "decode"
@@ -302,7 +301,7 @@ def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_j
         Settings(poses="vggt:absent.onnx"),
         Settings(proxy="oracle"),
         Settings(decode=GapTvSettings(iterations=0)),
-        Settings(residual=ResidualSettings(weight=-1.0)),
+        Settings(residual=GapTvSettings(weight=-1.0)),
         Settings(fit=CoarseSettings(iterations=0)),
         Settings(fine=FineSettings(iterations=0)),
         Settings(fine=FineSettings(prior="onnx:absent.onnx")),

@@ -7,16 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gs2ci_sims.effects.dust import Dust
-from gs2ci_sims.effects.illumination_drift import IlluminationDrift
-from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
-from gs2ci_sims.effects.lcos_flicker import LcosFlicker
-from gs2ci_sims.effects.lcos_response import LcosResponse
+from gs2ci_sims.effects.flicker import IlluminationDrift, IlluminationFlicker, LcosFlicker
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.rolling_shutter import RollingShutter
-from gs2ci_sims.effects.stage_backlash import StageBacklash
-from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.effects.trigger_timing import TriggerTiming
+from gs2ci_sims.effects.photons import Dust
+from gs2ci_sims.effects.stage import StageBacklash, StageVibration
+from gs2ci_sims.effects.timing import RollingShutter, TriggerTiming
+from gs2ci_sims.effects.transitions import LcosResponse
 from gs2ci_sims.exact import ExactRenderer
 from tests.sims.adversaries import FAMILIES
 from tests.sims.families import FAMILY, SAMPLED, Case, ratios, reversing

@@ -8,30 +8,15 @@ import torch
 
 from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.black_level import BlackLevel
-from gs2ci_sims.effects.blooming import Blooming
-from gs2ci_sims.effects.dark_current import DarkCurrent
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.ghost_reflection import GhostReflection
-from gs2ci_sims.effects.hot_pixels import HotPixels
-from gs2ci_sims.effects.illumination_drift import IlluminationDrift
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.mask_edges import MaskEdges
-from gs2ci_sims.effects.misregistration import Misregistration
-from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.charges import Blooming, DarkCurrent, FullWell, Persistence
+from gs2ci_sims.effects.flicker import IlluminationDrift
+from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges, Misregistration
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.persistence import Persistence
-from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.effects.quantisation import Quantisation
-from gs2ci_sims.effects.read_noise import ReadNoise
-from gs2ci_sims.effects.row_noise import RowNoise
-from gs2ci_sims.effects.shot_noise import ShotNoise
-from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.effects.noises import HotPixels, Prnu, ReadNoise, RowNoise, ShotNoise
+from gs2ci_sims.effects.photons import GhostReflection, ModulatorPsf
+from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity, Quantisation
+from gs2ci_sims.effects.stage import StageVibration
+from gs2ci_sims.effects.views import Defocus, LensDistortion, OpticsPsf, Vignetting
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain, sensor_effects
 from gs2ci_sims.path import StageMove, stage_move_for_parallax

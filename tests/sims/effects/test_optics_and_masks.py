@@ -7,18 +7,11 @@ import pytest
 from scipy.special import j1
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.defocus import LAYER_STEP_PX, MOST_TAKEN, Defocus
-from gs2ci_sims.effects.dust import Dust
-from gs2ci_sims.effects.finite_contrast import FiniteContrast
-from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.kernels import blurred, blurred_inside, disc, discrete_gaussian, gaussian_loss, gaussian_tail
-from gs2ci_sims.effects.lens_distortion import LensDistortion
-from gs2ci_sims.effects.mask_edges import MaskEdges
-from gs2ci_sims.effects.misregistration import Misregistration
-from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges, Misregistration
 from gs2ci_sims.effects.object_motion import ObjectMotion
-from gs2ci_sims.effects.optics_psf import OpticsPsf
-from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.effects.photons import Dust, GhostReflection, ModulatorPsf
+from gs2ci_sims.effects.views import LAYER_STEP_PX, MOST_TAKEN, Defocus, LensDistortion, OpticsPsf, Vignetting
 from gs2ci_sims.rig import ModulatorFigures, Optics, RigFigures
 from gs2ci_sims.scene import camera_looking_ahead
 from gs2ci_sims.signals import View

@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import LightStage
-from gs2ci_sims.effects.clock_drift import ClockDrift
-from gs2ci_sims.effects.illumination_drift import IlluminationDrift
-from gs2ci_sims.effects.mirror_transition import MirrorTransition
+from gs2ci_sims.effects.flicker import IlluminationDrift
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.rolling_shutter import RollingShutter
-from gs2ci_sims.effects.trigger_timing import TriggerTiming
+from gs2ci_sims.effects.timing import ClockDrift, RollingShutter, TriggerTiming
+from gs2ci_sims.effects.transitions import MirrorTransition
 from gs2ci_sims.exposure import integrate
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.masks import random_masks

@@ -6,19 +6,9 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import UNAVOIDABLE
 from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.black_level import BlackLevel
-from gs2ci_sims.effects.blooming import Blooming
-from gs2ci_sims.effects.dark_current import DarkCurrent
-from gs2ci_sims.effects.dsnu import Dsnu
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
-from gs2ci_sims.effects.hot_pixels import HotPixels
-from gs2ci_sims.effects.persistence import Persistence
-from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.effects.quantisation import Quantisation
-from gs2ci_sims.effects.read_noise import ReadNoise
-from gs2ci_sims.effects.row_noise import RowNoise
-from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.charges import Blooming, DarkCurrent, FullWell, Persistence
+from gs2ci_sims.effects.noises import Dsnu, HotPixels, Prnu, ReadNoise, RowNoise, ShotNoise
+from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity, Quantisation
 from gs2ci_sims.exposure import read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing

@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.clock_drift import ClockDrift
-from gs2ci_sims.effects.illumination_drift import IlluminationDrift
-from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
-from gs2ci_sims.effects.lcos_flicker import LcosFlicker
-from gs2ci_sims.effects.lcos_response import LcosResponse
-from gs2ci_sims.effects.mirror_transition import MirrorTransition
-from gs2ci_sims.effects.stage_backlash import StageBacklash
-from gs2ci_sims.effects.stage_ripple import StageRipple
-from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.effects.trigger_timing import TriggerTiming
+from gs2ci_sims.effects.flicker import IlluminationDrift, IlluminationFlicker, LcosFlicker
+from gs2ci_sims.effects.stage import StageBacklash, StageRipple, StageVibration
+from gs2ci_sims.effects.timing import ClockDrift, TriggerTiming
+from gs2ci_sims.effects.transitions import LcosResponse, MirrorTransition
 from gs2ci_sims.path import ReversingMove, StageMove
 from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.signals import nominal_slices

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.defocus import Defocus
-from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.effects.views import Defocus, LensDistortion
 from gs2ci_sims.exact import ExactRenderer
 from gs2ci_sims.exposure import expose, integrate
 from gs2ci_sims.light_path import EffectChain, sensor_effects

@@ -8,12 +8,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.harmonics import SH_DC, basis, colours_seen
 from gs2ci_sims.radiance import Renderer, rendered_depth
 from gs2ci_sims.scenes.ball import LIGHT, ball, highlight, sphere_depth
-from gs2ci_sims.scenes.boxes import boxes, moving_box
-from gs2ci_sims.scenes.corridor import corridor
 from gs2ci_sims.scenes.rectangles import Rectangle, depth_of, receding, shade
+from gs2ci_sims.scenes.rooms import boxes, corridor, moving_box, textureless, thicket
 from gs2ci_sims.scenes.stage import SuggestedCamera, room
-from gs2ci_sims.scenes.textureless import textureless
-from gs2ci_sims.scenes.thicket import thicket
 
 FRAME, FINE = SuggestedCamera((48, 72), 50.0), SuggestedCamera((136, 200), 50.0)
 MAKERS = [boxes, moving_box, thicket, corridor, ball, textureless]

@@ -29,8 +29,8 @@ from gs2ci.reconstruct.fit.losses.objective import add_regularisers
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
 from gs2ci.reconstruct.fit.optimiser.poses import length_of, path_length
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView
-from gs2ci.reconstruct.fit.scene.raster_order import raster_order
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.start import raster_order
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSource, margin
 from gs2ci.reconstruct.fit.surfaces.surfaces import Surfaces, pixel_rays

@@ -1,6 +1,6 @@
 """Refinement: the residual of a scene is decoded into views, and a share of them is added to the scene's views.
 
-Here: the share. Not here: the decode (`decode.residual`), the choice between the refined views, the scene's and the
+Here: the share. Not here: the decode (`decode.gap_tv`), the choice between the refined views, the scene's and the
 decode's (`fusion`).
 
 Without noise the residual is mostly detail that the scene lacks; in a noisy measurement it is mostly noise. How much of
@@ -13,7 +13,7 @@ combination of the candidates corrects it.
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_left_over, decode_residual
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_left_over, decode_residual
 from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
 
@@ -29,9 +29,9 @@ class Refinement:
         InputError: The settings make no sense.
     """
 
-    def __init__(self, holdout: Holdout, settings: ResidualSettings | None, noise: F32 | None = None) -> None:
+    def __init__(self, holdout: Holdout, settings: GapTvSettings | None, noise: F32 | None = None) -> None:
         if settings is not None:
-            settings.steps()
+            settings.check()
         self._holdout = holdout
         self._seen = holdout.seen
         self._settings = settings

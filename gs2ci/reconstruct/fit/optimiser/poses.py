@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres, path_extent
-from gs2ci.reconstruct.fit.kernels.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
+from gs2ci.reconstruct.fit.scene.rigid import RigidMotions
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render.adjoint import Image
 from gs2ci.render.gaussians import all_finite
@@ -104,9 +104,7 @@ class PoseCorrections:
         """Return the corrected poses, [N, 4, 4] float32."""
         if self._adam is None:
             return self._initial
-        found = torch.empty_like(self._initial)
-        correct_poses(*self._arrays(), self._initial.numpy(), found.numpy())
-        return found
+        return (torch.from_numpy(self._corrections().matrices) @ self._initial.double()).float()
 
     def pull(self, world_to_camera: Tensor, gradient: Image) -> None:
         """Accumulate the gradient by the twists, from a gradient by the poses, [N, 4, 4].
@@ -120,12 +118,12 @@ class PoseCorrections:
             return
         if self._twists.grad is None:
             self._twists.grad = torch.zeros_like(self._twists)
-        twists, units = self._arrays()
-        by_poses = np.ascontiguousarray(torch.as_tensor(gradient).cpu().numpy(), np.float32)
-        twist_gradient(twists, units, world_to_camera.numpy(), by_poses, self._twists.grad.numpy())
+        by_poses = torch.as_tensor(gradient).cpu().double().numpy()
+        by_twists = self._corrections().by_twists(world_to_camera.double().numpy(), by_poses)
+        self._twists.grad += torch.from_numpy(by_twists) * self._units
 
-    def _arrays(self) -> tuple[F32, F32]:
-        return self._twists.detach().numpy(), self._units.numpy()
+    def _corrections(self) -> RigidMotions:
+        return RigidMotions((self._units.double() * self._twists.detach()).numpy())
 
     def penalty(self) -> Tensor | float:
         """Return the cost of the corrections by the prior on given poses, [] (see `PoseSettings.given_weight`)."""

@@ -30,7 +30,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import MaskMomentsSection
 from gs2ci.reconstruct.choices import WithinMask
-from gs2ci.reconstruct.fit.scene.moment_gradient import MomentsOfPath
+from gs2ci.reconstruct.fit.scene.rigid import MomentsOfPath
 from gs2ci.reconstruct.geometry.initialise import Geometry
 
 # Motion is measured at one in so many pixels of the middle view, along rows and columns.

@@ -11,7 +11,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, mask_times
-from gs2ci.reconstruct.fit.scene.moment_gradient import MomentsOfPath
+from gs2ci.reconstruct.fit.scene.rigid import MomentsOfPath
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import Image, Pull, as_image, coded_with_pull

@@ -1,7 +1,12 @@
-"""The first Gaussians, on the points that the geometry stage found.
+"""The first Gaussians, on the points that the geometry stage found, and the order of Gaussians in memory.
 
-Here: their sizes, opacities and orientations, and how round Gaussians are made. Not here: their positions
-(`geometry.points`), those beyond the borders of all views (`surfaces/margin.py`).
+Cells of neighbouring pixels are blended one after the other, and share most of their Gaussians: if these are adjacent
+in memory, they are still in the cache. First Gaussians are made in this order, but a density rule appends new ones at
+the end, so they are sorted again.
+
+Here: sizes, opacities and orientations, how round Gaussians are made, and the order. Not here: their positions
+(`geometry.points`), those beyond the borders of all views (`surfaces/margin.py`), the cells
+(`gs2ci.render.cpu.layout`), when Gaussians are sorted (`coarse/state.py`).
 """
 
 from typing import Final
@@ -9,9 +14,11 @@ from typing import Final
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
+from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.points import Seeds
+from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians, logit
 
 INITIAL_OPACITY: Final = 0.3
@@ -66,3 +73,22 @@ def _neighbour_distance(positions: F32) -> F32:
     distances = np.asarray(cKDTree(positions).query(positions, k=neighbours + 1)[0])
     mean: F32 = distances[:, 1:].mean(axis=1).astype(np.float32)
     return mean
+
+
+# About the height in rows of a strip of cells if a quarter of the pixels is open.
+_STRIP_PX: Final = 8
+
+
+def raster_order(means: Tensor, world_to_camera: Tensor, intrinsics: Tensor) -> Tensor:
+    """Return the indices of points in the order of a camera's picture, [G] int64: by strips, in each left to right.
+
+    Args:
+        means: [G, 3].
+        world_to_camera: [4, 4].
+        intrinsics: [3, 3], px.
+    """
+    points = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
+    places = (points / points[:, 2:].clamp(min=NEAR)) @ intrinsics.T
+    across = torch.argsort(places[:, 0], stable=True)
+    strips = torch.floor(places[across, 1] / _STRIP_PX)
+    return across[torch.argsort(strips, stable=True)]

@@ -25,6 +25,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import path_extent
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import pixel_centres, slopes_of
 from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.surface_kernels import (
     add_mean_gradient,
@@ -322,12 +323,9 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
 def pixel_rays(renderer: ShotRenderer) -> F32:
     """Return the rays of the sensor's pixels, at z = 1, [H, W, 2]."""
     lens = renderer.lens
-    height, width = renderer.size
-    rows, columns = np.mgrid[:height, :width] + 0.5
-    places = np.stack([columns, rows], axis=-1) if lens is None else lens.sampling.places
+    places = pixel_centres(renderer.size) if lens is None else lens.sampling.places
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
-    found: F32 = ((places - intrinsics[:2, 2]) / intrinsics.diagonal()[:2]).astype(np.float32)
-    return found
+    return slopes_of(places, intrinsics).astype(np.float32)
 
 
 def _on_sensor(maps: F32, lens: Lens | None) -> F32:

@@ -12,9 +12,8 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import in_camera
 from gs2ci.core.kernels import EXACT, f32_2, f64_1, f64_2, kernel
-from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.core.lens import pixel_centres, places_of, rays_of
 from gs2ci.reconstruct.geometry.path.adjustment_kernels import LEAST_RELATIVE_DEPTH
-from gs2ci.reconstruct.measurement.lens import pixel_centres
 from gs2ci.render.conventions import NEAR
 
 _STEPS = 4
@@ -44,16 +43,12 @@ class DepthCamera:
         points = in_camera(self.rays * depth[..., None], moved)
         ahead = np.where(points[..., 2] > NEAR, points[..., 2], np.nan)
         slopes = points[..., :2] / ahead[..., None]
-        bent = slopes if self.distortion is None else distorted(slopes, self.distortion)
-        return pixels_of(bent, self.intrinsics), ahead
+        return places_of(slopes, self.intrinsics, self.distortion), ahead
 
     @cached_property
     def rays(self) -> F64:
         """Get the points at depth 1 that pixels see, [H, W, 3]."""
-        slopes = slopes_of(pixel_centres(self.size), self.intrinsics)
-        if self.distortion is not None:
-            slopes = undistorted(slopes, self.distortion)
-        return np.concatenate([slopes, np.ones((*self.size, 1))], axis=-1)
+        return rays_of(pixel_centres(self.size), self.intrinsics, self.distortion)
 
 
 def carried_places(places: F64, inverse_depth: F32, pose: F64, intrinsics: F64, rays_of_pixels: F64) -> F32:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.cameras import in_world
+from gs2ci.core.cameras import in_camera, in_world
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.path.motion import rays
 
@@ -162,9 +162,9 @@ def grid(size: tuple[int, ...], step: int) -> F64:
 
 def project(points: F64, pose: F64, intrinsics: F64) -> tuple[F64, F64]:
     """Project points, [P, 3], to pixels, [P, 2], NaN behind the camera, and depths, [P]."""
-    in_camera = (points @ pose[:3, :3].T + pose[:3, 3]) @ intrinsics.T
-    depth = in_camera[:, 2]
-    return in_camera[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
+    seen = in_camera(points, pose) @ intrinsics.T
+    depth = seen[:, 2]
+    return seen[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
 
 
 def in_picture(pixels: F64, size: tuple[int, ...]) -> Bool:

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import in_camera
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import depths_agree, turns_far, view_depths
@@ -61,7 +62,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
     settings, far = request.settings, turns_far(relative)
     if far:
         to_reference = scene.world_to_camera[found.reference]
-        points = (scene.points @ to_reference[:3, :3].T + to_reference[:3, 3]) * unit
+        points = in_camera(scene.points, to_reference) * unit
         depths = view_depths(request.views, relative, still.intrinsics, still.reference, points, settings.sweep)
         if not depths_agree(depths, relative, still.intrinsics):
             return still

@@ -1,6 +1,6 @@
 """A prior without weights that uses all views together: detail on which several cameras agree is kept.
 
-The measurement's residual is decoded into every camera's view (`decode.residual`). Part of it is texture that the
+The measurement's residual is decoded into every camera's view (`decode.gap_tv`). Part of it is texture that the
 Gaussians have not resolved, part is residue of the decode. Texture lies on surfaces: warped to a pseudo-view by the
 depth there, it falls on the same pixel from every camera; residue does not. So the median over the cameras keeps the
 texture and drops the residue.

@@ -11,10 +11,9 @@ from skimage import data
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import decode_signed
-from gs2ci.reconstruct.decode.patches import heldout_noise
+from gs2ci.reconstruct.decode.patches import within_time
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
-from gs2ci.reconstruct.decode.patches.heldout_noise import HeldoutNoise
-from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
+from gs2ci.reconstruct.decode.patches.within_time import HeldoutNoise, decode_until, patch_decode
 from gs2ci_sims.masks import random_masks
 
 SIDE, VIEWS, OPEN = 40, 6, 0.5
@@ -54,7 +53,7 @@ def unasked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Shot, PatchSettings], 
 
     def decode(shot: Shot, settings: PatchSettings) -> np.ndarray:
         with monkeypatch.context() as patched:
-            patched.setattr(heldout_noise, "HELDOUT_SHARE", 0.0)
+            patched.setattr(within_time, "HELDOUT_SHARE", 0.0)
             return patch_decode(shot, settings)
 
     return decode

@@ -8,7 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches import heldout_noise, within_time
+from gs2ci.reconstruct.decode.patches import within_time
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.within_time import decode_until
@@ -37,7 +37,7 @@ class Clock:
 @pytest.fixture
 def unwatched(monkeypatch):
     """Hide no pixels: the views do not change the levels."""
-    monkeypatch.setattr(heldout_noise, "HELDOUT_SHARE", 0.0)
+    monkeypatch.setattr(within_time, "HELDOUT_SHARE", 0.0)
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.decode.gap_tv import RESIDUAL, decode_residual
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
-SETTINGS = ResidualSettings()
+SETTINGS = RESIDUAL
 SIZE = (64, 80)
 
 
@@ -111,4 +111,4 @@ def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_lef
 
 def test_settings_that_make_no_sense_are_refused(truth):
     with pytest.raises(InputError, match="in GapTvSettings"):
-        Refinement(holdout_of(truth), ResidualSettings(iterations=0))
+        Refinement(holdout_of(truth), replace(SETTINGS, iterations=0))

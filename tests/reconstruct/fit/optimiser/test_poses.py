@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.kernels.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.fit.optimiser.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.fit.scene.rigid import RigidMotions
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render import se3
 
@@ -33,19 +33,25 @@ def test_corrections_and_their_gradient_are_those_of_the_exponential(path, angle
     draw = torch.Generator().manual_seed(3)
     twists = torch.randn(VIEWS, 6, dtype=torch.float64, generator=draw)
     twists[:, 3:] *= angle / twists[:, 3:].norm(dim=1, keepdim=True)
-    units = torch.tensor([0.3] * 3 + [1.0] * 3)
-    twists[:, :3] /= 0.3
-    weights = torch.randn(VIEWS, 4, 4, generator=draw)
+    weights = torch.randn(VIEWS, 4, 4, dtype=torch.float64, generator=draw)
     weights[:, 3] = 0
-    single, initial = twists.float(), torch.from_numpy(path).float()
-    exact = single.double().requires_grad_()
-    expected = se3.exp(units * exact) @ initial.double()
+    exact = twists.clone().requires_grad_()
+    expected = se3.exp(exact) @ torch.from_numpy(path)
     (expected * weights).sum().backward()
-    found, gradient = torch.empty(VIEWS, 4, 4), torch.ones(VIEWS, 6)
-    correct_poses(single.numpy(), units.numpy(), initial.numpy(), found.numpy())
-    torch.testing.assert_close(found.double(), expected.detach(), rtol=1e-6, atol=1e-6)
-    twist_gradient(single.numpy(), units.numpy(), found.numpy(), weights.numpy(), gradient.numpy())
-    torch.testing.assert_close(gradient.double() - 1, exact.grad, rtol=1e-5, atol=3e-6)
+    motions = RigidMotions(twists.numpy())
+    found = motions.matrices @ path
+    np.testing.assert_allclose(found, expected.detach(), rtol=1e-12, atol=1e-12)
+    gradient = motions.by_twists(found, weights.numpy())
+    np.testing.assert_allclose(gradient, exact.grad, rtol=1e-10, atol=1e-10)
+
+
+def test_gradients_by_twists_are_in_their_units_and_add_up(path):
+    poses = PoseCorrections(path, PoseSettings(unit="path cube"))
+    length = length_of("path cube", path)
+    for _ in range(2):
+        push(poses, torch.ones(VIEWS, 6))
+    expected = np.tile([2 * length] * 3 + [2.0] * 3, (VIEWS, 1))
+    np.testing.assert_allclose(poses.state().gradient, expected, rtol=1e-5)
 
 
 def test_poses_start_at_their_estimates(path):

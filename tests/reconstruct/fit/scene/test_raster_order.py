@@ -2,7 +2,7 @@
 
 import torch
 
-from gs2ci.reconstruct.fit.scene.raster_order import raster_order
+from gs2ci.reconstruct.fit.scene.start import raster_order
 
 INTRINSICS = torch.tensor([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]])
 

@@ -10,7 +10,7 @@ from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
-from tests.reconstruct.fit.scene.test_moment_gradient import poses_of_the_graph
+from tests.reconstruct.fit.scene.test_rigid import poses_of_the_graph
 
 
 @pytest.fixture

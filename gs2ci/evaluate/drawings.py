@@ -1,8 +1,10 @@
-"""The stated and the estimated positions of the masks in one picture.
+"""What a run found, each in one picture: the motion in the scene, and the position of its masks.
 
-    readings (a piece of the middle)   stated masks, summed   estimated masks, summed   displacement
+    motion        the middle view with arrows   the displacement over the exposure
+    registration  readings (a piece of the middle)   stated masks, summed   estimated masks, summed   displacement
 
-Here: that picture. Not here: the estimation (`gs2ci.reconstruct.registration`).
+Not here: the estimation of motion (`gs2ci.reconstruct.hypotheses.moving`) and of the masks' position
+(`gs2ci.reconstruct.registration`).
 """
 
 from collections.abc import Mapping
@@ -12,16 +14,50 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import RegistrationSection
 from gs2ci.reconstruct.registration.placement import Placement
 
 _DPI: Final = 120
+_ARROWS_ALONG: Final = 24
+_WORTH_DRAWING_PX: Final = 0.5
+
+
+def write_motion_picture(path: Path, view: F32, displacement: F32) -> None:
+    """Draw the motion and write it as PNG.
+
+    Args:
+        path: The file.
+        view: The middle view, [H, W, C], full scale 1.
+        displacement: Displacement over the exposure of what each pixel shows, [H, W, 2] as (x, y) in px.
+    """
+    height, width = displacement.shape[:2]
+    speed = np.linalg.norm(displacement, axis=2)
+    figure = Figure(figsize=(11, 11 * 0.45 * height / width + 0.7), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.imshow(np.clip(np.broadcast_to(view, (height, width, 3)), 0, 1), interpolation="nearest")
+    step = max(1, max(height, width) // _ARROWS_ALONG)
+    rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
+    moved = displacement[rows, columns]
+    shown = np.linalg.norm(moved, axis=2) >= _WORTH_DRAWING_PX
+    left.quiver(
+        columns[shown], rows[shown], moved[shown][:, 0], moved[shown][:, 1],
+        angles="xy", scale_units="xy", scale=1, color="#ff7a00", width=0.004,
+    )  # fmt: skip
+    left.set_title("the middle view, and how far things go over the exposure", fontsize=10)
+    left.set_axis_off()
+    most = max(float(np.quantile(speed, 0.995)), _WORTH_DRAWING_PX)
+    drawn = right.imshow(speed, cmap="magma", vmin=0, vmax=most, interpolation="nearest")
+    figure.colorbar(drawn, ax=right, label="px over the exposure", shrink=0.85)
+    right.set_title("how far each pixel's surface moves by itself", fontsize=10)
+    right.set_axis_off()
+    figure.savefig(path, dpi=_DPI)
+
+
 _PIECE_PX: Final = 48
 _ARROWS: Final = (7, 9)
 
@@ -37,7 +73,6 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
             arrows' ends are standard errors, at the same magnification as the arrows.
     """
     figure = Figure(figsize=(15, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 4)
     pieces = {
         "measured (middle)": given.measurement.mean(axis=2, dtype=np.float64),

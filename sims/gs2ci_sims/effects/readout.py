@@ -1,13 +1,18 @@
-"""Gain non-linearity: the reading is not quite proportional to the charge."""
+"""Effects on the way from charge to readings.
+
+- Gain non-linearity: the reading is not quite proportional to the charge.
+- Black level: the offset of all readings drifts off the data sheet's figure.
+- Quantisation: the converter rounds to whole numbers within its range.
+"""
 
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import RigFigures
@@ -45,7 +50,7 @@ class GainNonlinearity(EffectRecord):
         )
         most_e = scene.most_e + scene.added_e[1]
         counted_dn = self._bent_dn(most_counted_e(most_e), rig)
-        peak_dn, every_dn = float(counted_dn.max()), _rms(counted_dn)
+        peak_dn, every_dn = float(counted_dn.max()), rms_of(counted_dn)
         mean_e, top_e = scene.charge_mean_e + scene.added_e[1], float(most_e.max())
         variance = min(slope**4 * mean_e * (4 * top_e**2 + 6 * top_e + 1), (expected_dn * peak_dn) ** 2)
         limit_dn = math.sqrt(most_in_sum(expected_dn**2, variance / pixels, peak_dn**2 / pixels / 3))
@@ -74,7 +79,7 @@ class GainNonlinearity(EffectRecord):
         """
         error_e, added_e = scene.charge_error_e, scene.added_e[1]
         likely_dn, top_dn = (
-            _rms(self._bent_dn(np.sqrt(np.square(charge_e) + charge_e), rig))
+            rms_of(self._bent_dn(np.sqrt(np.square(charge_e) + charge_e), rig))
             for charge_e in (scene.charge_e + added_e, scene.most_e + added_e)
         )
         error_dn = 4 * abs(self.departure) * rig.dn_per_e * math.sqrt(error_e**2 + error_e)
@@ -109,5 +114,76 @@ class GainNonlinearity(EffectRecord):
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)
 
 
-def _rms(field: F64) -> float:
-    return float(np.sqrt(np.square(field).mean()))
+@dataclass(frozen=True)
+class BlackLevel(EffectRecord):
+    """Shift all readings: the clamp's drift since the dark frames were taken.
+
+    The offset mu_y.dark of EMVA Standard 1288, Release 3.1, section 2.1, is a figure of the data sheet
+    (`Sensor.black_level_dn`) and always present; this effect is the difference of the true level from it. A shift down
+    clips dark readings at 0 if the data sheet's level is too low for it.
+
+    Args:
+        shift_dn: True black level minus the data sheet's, DN.
+    """
+
+    stage: ClassVar[LightStage] = LightStage.READOUT
+    cost_ns: ClassVar[float] = 2.0
+
+    shift_dn: FiniteFloat
+
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
+        """Exactly the shift."""
+        shift = BoundStep("D", self.shift_dn, "DN", "shift of the black level")
+        return Bound(abs(self.shift_dn), abs(self.shift_dn)).by("abs(D)", shift)
+
+    def lowered_dn(self, rig: RigFigures) -> float:
+        """The shift, if it is one down."""
+        return max(-self.shift_dn, 0.0)
+
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+        """Shift readings [H, W, C]."""
+        return signal + self.shift_dn
+
+
+@dataclass(frozen=True)
+class Quantisation(EffectRecord):
+    """Round readings to whole DN and clip them to the converter's range.
+
+    It adds a variance of 1/12 DN² if the signal varies by more than a step (EMVA Standard 1288, Release 3.1, section
+    2.2).
+
+    Args:
+        bits: Bits of the converter, 1 to 32.
+    """
+
+    stage: ClassVar[LightStage] = LightStage.READOUT
+    cost_ns: ClassVar[float] = 5.0
+
+    bits: Annotated[int, Field(ge=1, le=32)]
+
+    @property
+    def max_dn(self) -> int:
+        """Get the highest reading."""
+        return int(2**self.bits - 1)
+
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
+        """Rounding changes a reading by at most half a step; readings beyond the range are clipped at either end.
+
+        Below it, each pixel counts as one without light whose noises all are at six standard deviations.
+        """
+        _, rms_e, peak_e = scene.excess_e(self, (self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
+        below_dn = max(scene.lowered_dn - rig.sensor.black_level_dn, 0.0)
+        rms_dn = float(np.hypot(np.hypot(0.5, rig.dn_per_e * rms_e), below_dn))
+        return Bound(rms_dn, 0.5 + max(rig.dn_per_e * peak_e, below_dn)).by(
+            "hypot(hypot(0.5, K * x), b)",
+            BoundStep("bits", self.bits, "", "of the converter"),
+            BoundStep("B", rig.sensor.black_level_dn, "DN", "black level by the data sheet"),
+            BoundStep("l", scene.lowered_dn, "DN", "how far below it noises of six sigma and a shift take readings"),
+            BoundStep("b", below_dn, "DN", "how far below 0", "max(l - B, 0)"),
+            BoundStep("x", rms_e, "e", "charge beyond its range, with six sigma of its noise, rms over the pixels"),
+            gain_step(rig),
+        )
+
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+        """Round and clip readings [H, W, C]."""
+        return np.clip(np.rint(signal), 0, self.max_dn)

@@ -1,16 +1,17 @@
-"""Poses at the moments of masks, and the gradient by the masks' poses given theirs, without a graph.
+"""Rigid motions exp(xi) by numpy, and gradients by twists without a graph: of corrected poses, of poses within masks.
 
-The poses at moments are T_m = exp(d_m) T_n, where d_m = t v_n + t^2 c_n and the speed v_n and its change c_n are linear
-in the steps s_k = log(T_k+1 T_k^-1) before and after mask n: quadratic in time through the poses before and after; at
-both ends the acceleration is that of the next mask. Gradients by twists e applied
-after a pose, T -> exp(e) T, follow from the left Jacobian J of exp and from Ad, both power series of
-ad(rho, phi) = [[phi]x, [rho]x; 0, [phi]x] (Sola, Deray, Atchuthan 2018, eqs. 83, 144, 179):
+Gradients by twists e applied after a pose, T -> exp(e) T, follow from the left Jacobian J of exp and from Ad, both
+power series of ad(rho, phi) = [[phi]x, [rho]x; 0, [phi]x] (Sola, Deray, Atchuthan 2018, eqs. 83, 144, 179). Their upper
+left blocks are the rotation exp(phi) and the matrix V of its translation, V rho.
+
+The poses at moments of masks are T_m = exp(d_m) T_n, where d_m = t v_n + t^2 c_n and the speed v_n and its change c_n
+are linear in the steps s_k = log(T_k+1 T_k^-1) before and after mask n: quadratic in time through the poses before and
+after; at both ends the acceleration is that of the next mask. With g_m the gradient by twists after them, that
 
     by d_m: J(d_m)^T g_m,    by e_n: Ad(exp d_m)^T g_m,    by e_k+1 and e_k: J(s_k)^-T g, -J(-s_k)^-T g.
 
-Their upper left blocks are the rotation exp(phi) and the matrix V of its translation, V rho. The same by torch's graph
-took a sixth of a fit of small pictures; tests hold the two to each other. Here: that. Not here: the moments
-(`mask_moments.py`), steps of poses (`optimiser.poses`).
+The same by torch's graph took a sixth of a fit of small pictures; tests hold the two to each other. Here: that. Not
+here: the moments (`mask_moments.py`), steps of poses (`optimiser.poses`).
 """
 
 import math
@@ -22,7 +23,32 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F32, F64, I64, Bool
 
 # A series ends where its terms are below this.
-_LEAST_TERM: Final = 1e-10
+_LEAST_TERM: Final = 1e-17
+_CROSSES: Final = np.cross(np.eye(3), np.eye(3)[:, None])
+"""The cross-product matrix of each axis, [3, 3, 3]."""
+
+
+class RigidMotions:
+    """The rigid motions exp(xi) of twists.
+
+    Args:
+        twists: Translation first, [V, 6].
+
+    Attributes:
+        matrices: Of the motions, [V, 4, 4].
+        jacobian: The left Jacobian of exp, [V, 6, 6].
+        adjoint: Of the motions, [V, 6, 6].
+    """
+
+    def __init__(self, twists: F64) -> None:
+        self.jacobian, self.adjoint = _series(twists)
+        self.matrices = np.tile(np.eye(4), (len(twists), 1, 1))
+        self.matrices[:, :3, :3] = self.adjoint[:, :3, :3]
+        self.matrices[:, :3, 3:] = self.jacobian[:, :3, :3] @ twists[:, :3, None]
+
+    def by_twists(self, poses: F64, gradient: F64) -> F64:
+        """Return the gradient by the twists, [V, 6], given that by the poses that these motions lead to, [V, 4, 4]."""
+        return _transposed(self.jacobian, _by_twists(poses, gradient))
 
 
 class MomentsOfPath:
@@ -48,11 +74,8 @@ class MomentsOfPath:
         before[0], after[-1] = ends
         speed, change, when = (after + before) / 2, (after - before) / 2, offsets[:, None]
         twists = when * speed[of_mask] + when**2 * change[of_mask]
-        self._jacobian, self._adjoint = _series(twists)
-        moved = np.tile(np.eye(4), (len(twists), 1, 1))
-        moved[:, :3, :3] = self._adjoint[:, :3, :3]
-        moved[:, :3, 3:] = self._jacobian[:, :3, :3] @ twists[:, :3, None]
-        self.exact = moved @ self._path[of_mask]
+        self._motions = RigidMotions(twists)
+        self.exact = self._motions.matrices @ self._path[of_mask]
         self.poses = self.exact.astype(np.float32)
         self.poses[alone] = world_to_camera[of_mask[alone]]
 
@@ -64,9 +87,9 @@ class MomentsOfPath:
         """
         count, when = len(self._path), self._offsets[:, None]
         own = _by_twists(self.exact, by_moments.astype(np.float64))
-        along = _transposed(self._jacobian, own)
+        along = _transposed(self._motions.jacobian, own)
         by_pose, by_speed, by_change = np.zeros((3, count, 6))
-        np.add.at(by_pose, self._of_mask, _transposed(self._adjoint, own))
+        np.add.at(by_pose, self._of_mask, _transposed(self._motions.adjoint, own))
         np.add.at(by_speed, self._of_mask, when * along)
         np.add.at(by_change, self._of_mask, when**2 * along)
         by_steps = _by_steps((by_speed - by_change) / 2, (by_speed + by_change) / 2)
@@ -119,8 +142,8 @@ def _by_poses(poses: F64, by_twists: F64) -> F32:
 def _series(twists: F64) -> tuple[F64, F64]:
     """Return the left Jacobian of exp at twists, and the adjoint of exp, [V, 6, 6] each."""
     commutator = np.zeros((len(twists), 6, 6))
-    commutator[:, :3, :3] = commutator[:, 3:, 3:] = np.cross(np.eye(3), twists[:, None, 3:])
-    commutator[:, :3, 3:] = np.cross(np.eye(3), twists[:, None, :3])
+    commutator[:, :3, :3] = commutator[:, 3:, 3:] = np.tensordot(twists[:, 3:], _CROSSES, 1)
+    commutator[:, :3, 3:] = np.tensordot(twists[:, :3], _CROSSES, 1)
     power = np.broadcast_to(np.eye(6), commutator.shape)
     jacobian, adjoint = power.copy(), power.copy()
     angle, largest, k = float(np.linalg.norm(twists[:, 3:], axis=1).max()), 1.0, 0
