@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
 # A good guess: visual information fidelity (VIF) compares two pictures alike whether both lie in 0..1 or in 0..255, or there is a parameter
 # for the range, as for SSIM. Found: in sewar and torchmetrics neither: the noise of the eye is the variance 2 of grey values up to 255,
-# against which nothing in 0..1 is visible. One pair has 0.34 and 0.35 there in 8 bits, 0.12 in 16 bits, and 0.71 and 0.97 in 0..1, where
-# the two no longer agree with each other either. Multiply by 255 first.
+# beside which next to nothing in 0..1 is seen. One noisy picture has 0.35 in 8 bits, 0.12 in 16 bits and 0.97, nearly perfect, in 0..1.
 set -euo pipefail
 folder=$(mktemp -d); trap 'rm -rf "$folder"' EXIT; cd "$folder"
 python3 -m venv v; v/bin/pip install --quiet --disable-pip-version-check torchmetrics==1.9.0 torch==2.14.1 numpy==2.4.6 sewar==0.4.10 scipy==1.17.1
@@ -25,6 +24,5 @@ for scale in (1, 255, 65535):
     found[scale] = visual_information_fidelity(pair[1], pair[0]).item(), sewar.vifp(scale * truth, scale * noisy)
     print("values to", scale, f"torchmetrics {version('torchmetrics')}: {found[scale][0]:.2f}, sewar {version('sewar')}: {found[scale][1]:.2f}")
 for which in (0, 1):
-    assert found[1][which] > 0.65 > 0.4 > found[255][which] > 0.3 > 0.2 > found[65535][which], "the behaviour has changed"
-assert abs(found[255][0] - found[255][1]) < 0.05 < 0.15 < abs(found[1][0] - found[1][1]), "the behaviour has changed"
+    assert found[1][which] > 0.9 > 0.4 > found[255][which] > 0.3 > 0.2 > found[65535][which], "the behaviour has changed"
 PY

@@ -144,6 +144,7 @@ class Code(StrEnum):
     SAME_MASKS = auto()
     MASKS_REPEATED = auto()
     MASKS_DIFFER_LITTLE = auto()
+    MASKS_IN_PAIRS = auto()
     UNOPENED_PIXELS = auto()
     MOSTLY_UNOPENED = auto()
 

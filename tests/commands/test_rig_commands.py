@@ -57,13 +57,17 @@ def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, capsys,
     }
 
 
-def test_a_shot_states_that_its_camera_moved_or_stood_still_under_the_masks(rig, gs2ci):
+def test_a_shot_states_whether_its_camera_moved_under_the_masks_and_whether_its_unit_is_known(rig, gs2ci):
     assert gs2ci("capture", "--rig", rig, "-o", "swept.h5") == 0
     still = "\n".join(line for line in RIG.splitlines() if not line.startswith(("axis", "from_mm", "to_mm")))
     rig.write_text(still)
     assert gs2ci("capture", "--rig", rig, "-o", "still.h5") == 0
     stated = [read_shot(rig.with_name(name)).provenance["within_mask"] for name in ("swept.h5", "still.h5")]
     assert stated == ["moving", "still"]
+    rig.write_text(still.replace("[world]", "[optics]\nfull_scale_dn = 700.0\n[world]"))
+    assert gs2ci("capture", "--rig", rig, "-o", "known.h5") == 0
+    units = [read_shot(rig.with_name(name)).provenance["unit_stated"] for name in ("still.h5", "known.h5")]
+    assert units == [False, True]
 
 
 def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, gs2ci):

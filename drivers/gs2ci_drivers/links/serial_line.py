@@ -4,13 +4,16 @@ Here: opening, reading, writing with timeouts. Not here: any protocol.
 """
 
 import errno
+import glob
 import termios
-from typing import Any
+from typing import Any, Final
 
 import serial
 
 from gs2ci_drivers.failures import AccessError
 from gs2ci_drivers.ports import port_errors
+
+ADAPTERS: Final = ("/dev/serial/by-id/*", "/dev/ttyUSB*", "/dev/ttyACM*")
 
 
 class SerialLine:
@@ -47,6 +50,8 @@ class SerialLine:
                     raise AccessError(
                         device, f"{path} is in use by another program", asked="open", remedy="close that program"
                     ) from error
+                if error.errno == errno.ENOENT:
+                    raise _missing(device, path) from error
                 raise
             except ValueError as error:
                 raise AccessError(
@@ -91,6 +96,24 @@ def serial_line(device: str, table: Any) -> SerialLine:
         AccessError, DisconnectedError: As `SerialLine`.
     """
     return SerialLine(device, table.port, table.baud)
+
+
+def _missing(device: str, path: str) -> AccessError:
+    """Return the error for a tty that is not there, with those that are.
+
+    brltty, a driver of Braille displays that Ubuntu installs, took adapters with the ids of a CH340 or a CP210x from
+    every other program until its release 6.5 (github.com/arduino/arduino-ide issue 1788, by its author).
+    """
+    there = sorted(name for pattern in ADAPTERS for name in glob.glob(pattern))
+    return AccessError(
+        device,
+        f"there is no {path}",
+        asked="open",
+        allowed=", ".join(there) or "none is there now",
+        remedy='check power and cable, and `port` in the rig file. If `dmesg` says "claimed by ch341 (or cp210x) while '
+        "'brltty' sets config\", the program brltty has taken the adapter for a Braille display: remove it (`apt "
+        "remove brltty`) or install its release 6.5 or later, and plug the adapter in again",
+    )
 
 
 def _keep_lines_on_close(descriptor: int) -> None:

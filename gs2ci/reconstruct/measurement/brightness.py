@@ -234,7 +234,7 @@ class LinearSystem:
             light=shot.weights[lit] * shot.masks[lit].sum(axis=(1, 2), dtype=np.float64),
             half=np.asarray((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0),
             block=block_numbers(row, column, side),
-            told=_told(shot.masks[:, counted][lit]),
+            told=told_modes(shot.masks[:, counted][lit]),
         )
 
     def solve(self, pixels: Bool | slice = slice(None)) -> F64 | None:
@@ -314,8 +314,10 @@ def _part(coding: Coding, views: F32, view: int) -> F64:
     return alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)
 
 
-def _told(masks: F32) -> F64 | None:
+def told_modes(masks: F32) -> F64 | None:
     """Return the modes of brightness, [L, R], in which masks, [L, P], tell views apart; None if they do in all."""
+    if len(masks) < 2:
+        return None
     opened = masks.astype(np.float64)
     shares, modes = np.linalg.eigh(opened @ opened.T)
     kept = shares >= _LEAST_TOLD * shares.mean()

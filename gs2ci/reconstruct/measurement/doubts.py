@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_numbers, scores_over_blocks
-from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
+from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE, told_modes
 from gs2ci.reconstruct.measurement.coding import DARK, EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
@@ -101,7 +101,7 @@ def _doubts_about_masks(shot: Shot) -> list[Finding]:
         doubts.append(finding(Code.UNLIT_VIEWS, views=np.flatnonzero(~exposed).tolist()))
     if faint.any():
         doubts.append(finding(Code.FAINT_VIEWS, views=np.flatnonzero(faint).tolist()))
-    doubts += _doubts_about_differences(shot)
+    doubts += _doubts_about_differences(shot, exposed & ~faint)
     lit = shot.lit
     dark = int((~lit).sum())
     if dark:
@@ -111,8 +111,8 @@ def _doubts_about_masks(shot: Shot) -> list[Finding]:
     return doubts
 
 
-def _doubts_about_differences(shot: Shot) -> list[Finding]:
-    """Report masks that are the same, in all views or in some, or nearly the same in all."""
+def _doubts_about_differences(shot: Shot, bright: Bool) -> list[Finding]:
+    """Report masks that are the same, in all views or in some, nearly the same in all, or complementary in pairs."""
     if shot.views < 2:
         return []
     if (shot.masks == shot.masks[0]).all():
@@ -124,7 +124,9 @@ def _doubts_about_differences(shot: Shot) -> list[Finding]:
     mean = float(shot.masks.mean(dtype=np.float64))
     share = float(np.sqrt(shot.masks.var(axis=0, dtype=np.float64).mean())) / mean if mean > 0 else np.inf
     little = [finding(Code.MASKS_DIFFER_LITTLE, share=share)] if share < _DIFFER_LITTLE else []
-    return [*repeated, *little]
+    told = None if repeated or little else told_modes(shot.masks[bright].reshape(-1, shot.lit.size))
+    pairs = [] if told is None else [finding(Code.MASKS_IN_PAIRS, untold=int(len(told) - told.shape[1]), of=len(told))]
+    return [*repeated, *little, *pairs]
 
 
 def doubts_about_result(holdout: Holdout, views: F32) -> tuple[Finding, ...]:

@@ -56,7 +56,7 @@ class DeviceArrays:
     def __init__(self, key: DeviceArraysKey) -> None:
         self.key, coding = key, key.coding
         self._device, self._coding = coding.device, coding
-        self._camera = coding.camera(np.array(key.intrinsics).reshape(3, 3))
+        self.camera = coding.camera(np.array(key.intrinsics).reshape(3, 3))
         count, views, slots = key.gaussians, coding.views, len(coding.x)
         self._mean_stride, self._colour_stride = (count if apart else 0 for apart in (key.moving, key.coloured))
         self._given: list[_Given] = [
@@ -125,12 +125,7 @@ class DeviceArrays:
     def shapes(self) -> list[Any]:
         """Return the positions and shapes of the Gaussians, the poses and the camera."""
         means, log_scales, quaternions, _, _, poses = (place.array for place in self._given)
-        return [means, self._mean_stride, log_scales, quaternions, poses, self._camera]
-
-    @property
-    def camera(self) -> Any:
-        """Get the camera and the tiles."""
-        return self._camera
+        return [means, self._mean_stride, log_scales, quaternions, poses, self.camera]
 
     # ------------------------------------------------------------------------------------------------- launches
 
@@ -141,7 +136,7 @@ class DeviceArrays:
             (self._coding.views, self.key.gaussians),
             [
                 *(means, self._mean_stride, log_scales, quaternions, logits, colours, self._colour_stride),
-                *(poses, self._camera, self.key.margin_px, self._coding.blocks_before),
+                *(poses, self.camera, self.key.margin_px, self._coding.blocks_before),
             ],
             [self.records, self.boxes, self.depths, self.counts],
         )
@@ -158,7 +153,7 @@ class DeviceArrays:
         inputs = [*self.listed(), coding.x, coding.y, self._blended, self._last, coding.into, coding.weight]
         launch.blocks(blend_backward, coding.blocks, BLOCK, [*inputs, self._pulled], [self._sums])
         means, log_scales, quaternions, logits, _, poses = (place.array for place in self._given)
-        scene = [means, self._mean_stride, log_scales, quaternions, logits, self._colour_stride, poses, self._camera]
+        scene = [means, self._mean_stride, log_scales, quaternions, logits, self._colour_stride, poses, self.camera]
         *found, by_poses = self._found
         launch(project_backward, count, [*scene, lists.starts, self._sums], [*found, self._pose_parts])
         launch.blocks(sum_poses, coding.views * 12, _POSE_THREADS, [self._pose_parts, count], [by_poses])

@@ -128,8 +128,9 @@ class WarpBackend:
             nonlocal rendering
             if rendering is None:
                 raise RuntimeError("one rendering was differentiated twice; render again for a second gradient")
-            found, rendering = rendering.differentiate(torch.as_tensor(gradient).reshape(-1, 3)), None
-            job.saw(found.sightings)
+            found, sightings = rendering.differentiate(torch.as_tensor(gradient).reshape(-1, 3))
+            rendering = None
+            job.saw(sightings)
             named = ("means", "log_scales", "quaternions", "colours")
             of_scene = {name: getattr(found, name) for name in named} | {"opacity_logits": found.logits}
             accumulate(scene, of_scene)

@@ -90,10 +90,7 @@ class Projected(Protocol):
     boxes: Any
     depths: Any
     counts: Any
-
-    @property
-    def camera(self) -> Any:
-        """Get the camera and the tiles."""
+    camera: Any
 
 
 def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: float = 0.0) -> BlockLists:

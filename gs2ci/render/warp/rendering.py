@@ -1,7 +1,6 @@
 """One rendering on a device, and its gradient, as callers get them."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 import warp as wp
@@ -16,8 +15,7 @@ from gs2ci.render.warp.stopping import depth_fields, stop_light
 from gs2ci.render.warp.types import LEAST_TRANSMITTANCE
 
 
-@dataclass(frozen=True)
-class SceneInputs:
+class SceneInputs(NamedTuple):
     """A scene and poses, float32 and contiguous: on the rendering device, where they are shared, or on the host.
 
     Args:
@@ -40,23 +38,6 @@ class SceneInputs:
     def of(cls, *tensors: Tensor) -> "SceneInputs":
         """Take tensors in the order of the fields."""
         return cls(*(one.detach().to(torch.float32).contiguous() for one in tensors))
-
-    def in_order(self) -> tuple[Tensor, ...]:
-        """Return the tensors in the order of the fields."""
-        return self.means, self.log_scales, self.quaternions, self.logits, self.colours, self.poses
-
-
-@dataclass(frozen=True)
-class SceneGradients:
-    """Gradients by the fields of `SceneInputs`, beside these, and what each Gaussian's sightings were, [G, 3]."""
-
-    means: Tensor
-    log_scales: Tensor
-    quaternions: Tensor
-    logits: Tensor
-    colours: Tensor
-    poses: Tensor
-    sightings: Tensor
 
 
 class Rendering:
@@ -90,7 +71,7 @@ class Rendering:
             0.0 if reuse is None else reuse.margin_px,
         )
         self._arrays = DeviceArrays(key) if reuse is None else reuse.arrays(key)
-        self._arrays.project(inputs.in_order())
+        self._arrays.project(inputs)
         if reuse is None:
             lists = list_gaussians(self._arrays)
         else:
@@ -102,21 +83,19 @@ class Rendering:
         """Return the outputs beside the inputs, [outputs, 4]: weighted colours and light that passes."""
         return self._arrays.image(self._home)
 
-    def differentiate(self, gradient: Tensor) -> SceneGradients:
-        """Return the gradients of an objective, given that by the outputs, [outputs, 4], or by their colours."""
+    def differentiate(self, gradient: Tensor) -> tuple[SceneInputs, Tensor]:
+        """Return the gradients of an objective, given that by the outputs, [outputs, 4], or by their colours.
+
+        Returns:
+            Gradients by the inputs, beside them, and what each Gaussian's sightings were, [G, 3].
+        """
         found = self._arrays.pull(gradient.detach().to(torch.float32), self._home)
         if self._reuse is not None:
             self._reuse.left_by(self)
         means, log_scales, quaternions, logits, colours, sightings, poses = found
-        return SceneGradients(
-            means.reshape(self._shapes[0]),
-            log_scales.reshape(-1, 3),
-            quaternions.reshape(-1, 4),
-            logits,
-            colours.reshape(self._shapes[1]),
-            poses.reshape(-1, 4, 4),
-            sightings.reshape(-1, 3),
-        )
+        of_scene = means.reshape(self._shapes[0]), log_scales.reshape(-1, 3), quaternions.reshape(-1, 4), logits
+        gradients = SceneInputs(*of_scene, colours.reshape(self._shapes[1]), poses.reshape(-1, 4, 4))
+        return gradients, sightings.reshape(-1, 3)
 
     def stopped(self) -> Tensor:
         """Return depth, spread, stopped and nearby light of each output, [outputs, 4]."""
@@ -145,6 +124,6 @@ class Blended(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         """Differentiate."""
         assert ctx.saved_tensors is not None  # lets torch notice that a parameter was overwritten meanwhile
-        found = ctx.rendering.differentiate(gradients[0])
-        ctx.job.saw(found.sightings)
-        return (None, found.means, found.log_scales, found.quaternions, found.logits, found.colours, found.poses)
+        found, sightings = ctx.rendering.differentiate(gradients[0])
+        ctx.job.saw(sightings)
+        return (None, *found)

@@ -5,11 +5,13 @@ import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import serial
 
 from gs2ci_drivers.failures import AccessError
+from gs2ci_drivers.links import serial_line
 from gs2ci_drivers.links.serial_line import SerialLine
 
 
@@ -73,6 +75,20 @@ def test_a_line_that_is_not_there_and_a_rate_that_cannot_be_are_access_errors(te
         SerialLine("stage0", "/dev/there-is-no-such-line")
     with pytest.raises(AccessError, match="baud rate -1"):
         SerialLine("stage0", terminal[1], -1)
+
+
+def test_an_adapter_that_brltty_has_taken_is_missing_with_that_cause_and_with_those_that_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A CH340 is attached to ttyUSB0 and detached half a second later, by arduino-ide issue 1788."""
+    missing = str(tmp_path / "ttyUSB0")
+    monkeypatch.setattr(serial_line, "ADAPTERS", (str(tmp_path / "ttyUSB*"),))
+    with pytest.raises(AccessError, match="none is there now") as caught:
+        SerialLine("stage0", missing)
+    assert "claimed by ch341 (or cp210x) while 'brltty' sets config" in str(caught.value)
+    (tmp_path / "ttyUSB1").touch()
+    with pytest.raises(AccessError, match=r"allowed: .*ttyUSB1"):
+        SerialLine("stage0", missing)
 
 
 def test_a_closed_line_says_so_and_may_be_closed_again(terminal: tuple[int, str]) -> None:

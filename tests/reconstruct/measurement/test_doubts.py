@@ -113,6 +113,19 @@ def test_masks_that_differ_little_from_view_to_view_are_named(smooth_shot, open_
         assert found[Code.MASKS_DIFFER_LITTLE].figures["share"] == pytest.approx(0.12, abs=0.03)
 
 
+def test_pairs_of_complementary_masks_are_named_with_what_they_leave_open(smooth_shot):
+    """Two pairs each pass all light once: what one pair is brighter by than the other leaves no trace."""
+    drawn = (np.random.default_rng(0).random((2, *smooth_shot.size)) < 0.5).astype(np.float32)
+    pairs = np.stack([drawn, 1 - drawn], axis=1).reshape(4, *smooth_shot.size)
+    assert found_in(replace(smooth_shot, masks=pairs))[Code.MASKS_IN_PAIRS].figures == {"untold": 1, "of": 4}
+    pairs[0, 3] = 0  # a row that was never open tells them apart
+    assert Code.MASKS_IN_PAIRS not in found_in(replace(smooth_shot, masks=pairs))
+    for shares in ([1, 1, 1, 1], [1, 1, 0, 1], [1, 1, 1e-4, 1]):  # a view without light is no pair
+        dim = smooth_shot.masks * (np.array(shares) > 0)[:, None, None]
+        shot = replace(smooth_shot, masks=dim.astype(np.float32), weights=np.array(shares, np.float32))
+        assert Code.MASKS_IN_PAIRS not in found_in(shot)
+
+
 def test_a_view_that_hardly_any_light_reached_is_named(smooth_shot):
     weights = np.array([1, 1, 1e-4, 1], np.float32)
     assert found_in(replace(smooth_shot, weights=weights))[Code.FAINT_VIEWS].figures["views"] == [2]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.kernels import EXACT, f32, f32_3, f32_5, helper, i32_3, i64, in_parts, kernel
-from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows, padded
+from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows_above, padded
 from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, store, sum_of_lanes, where_ge
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
@@ -93,7 +93,7 @@ def _average(from_row, to_row, sums, fallback, denoised):
 
 @helper(fastmath=EXACT)
 def workspace(members: int, size: int) -> tuple[F32, F32, F32, F32]:
-    """Return the working memory of `shrink_group`: a group, three matrices, single rows, and the mean patch.
+    """Return the working memory of `shrink_group`: a group, four matrices, single rows, and the mean patch.
 
     A group of M patches of D pixels has a row for each patch or, if there are fewer patches than pixels, a row for each
     pixel: the singular values are the same, and the matrix whose eigenvectors are needed is the smaller one of two.
@@ -104,7 +104,7 @@ def workspace(members: int, size: int) -> tuple[F32, F32, F32, F32]:
     lines = np.zeros((LINES, row), np.float32)
     for j in range(row):
         lines[LINES - 1, j] = np.float32(j)
-    group, work = np.zeros(max(members, size) * row, np.float32), np.zeros((3, columns * row), np.float32)
+    group, work = np.zeros(max(members, size) * row, np.float32), np.zeros((4, columns * row), np.float32)
     return group, work, lines, np.zeros(padded(size), np.float32)
 
 
@@ -117,7 +117,7 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
         members: M.
         size: D.
         sigma: Standard deviation of its noise, above 0.
-        work: For covariance, eigenvectors and projection.
+        work: For covariance, eigenvectors, projection, and the search.
         lines: For the eigenvectors' search.
         mean: For the mean patch.
 
@@ -136,8 +136,9 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
     # No eigenvalue is above the root of the sum of squares: most groups of smooth places, above all in colours, need no
     # search for any.
     if _sum_of_squares(covariance, columns * row) > (members * sigma * sigma) ** 2:
-        eigen_rows(covariance, vectors, lines, columns)
-        kept = _weigh(lines[0], vectors, members, columns, sigma, projection)
+        noise = members * sigma * sigma
+        found = eigen_rows_above(covariance, vectors, projection, work[3], lines, columns, noise)
+        kept = _weigh(lines[0], vectors, found, members, columns, sigma, projection)
     restored = lines[1]
     for r in range(rows):
         for b in range(0, row, LANES):
@@ -160,7 +161,7 @@ def _sum_of_squares(matrix: F32, size: int) -> float:
 
 
 @helper(fastmath=REORDERED)
-def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, projection: F32) -> int:
+def _weigh(values: F32, vectors: F32, found: int, members: int, size: int, sigma: float, projection: F32) -> int:
     """Make the matrix that weights the eigenvectors' parts of a patch, and count those with a weight above 0."""
     row = values.shape[0]
     noise = members * sigma * sigma
@@ -168,7 +169,7 @@ def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, pro
     for b in range(0, size * row, LANES):
         store(projection, b, broadcast(_ZERO))
     kept = 0
-    for k in range(size):
+    for k in range(found):
         if values[k] <= noise:
             continue
         weight = _ONE - threshold / (np.sqrt(values[k] - noise) * np.sqrt(values[k]))

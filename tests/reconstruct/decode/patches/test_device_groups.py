@@ -46,8 +46,8 @@ def test_they_are_those_of_the_kernel(per_group):
     found = denoise_groups_on_device(planes, groups, SIGMA, np.stack([none, none]), HOST)
     for there, plane in zip(found, planes, strict=True):
         here = denoise_groups(plane, groups, PATCH, SIGMA, none)
-        np.testing.assert_allclose(there, here, atol=5e-5)
-        assert np.abs(here - plane).max() > 100 * 5e-5
+        np.testing.assert_allclose(there, here, atol=1e-4)
+        assert np.abs(here - plane).max() > 100 * 1e-4
 
 
 def test_pixels_without_a_patch_take_what_is_given():

@@ -13,7 +13,8 @@ from gs2ci.reconstruct.fit.kernels import (
     surface_kernels,
 )
 from gs2ci.reconstruct.fit.kernels.calling import call
-from gs2ci.reconstruct.fit.kernels.device import calls
+from gs2ci.reconstruct.fit.kernels.device import calls, kernels
+from gs2ci.reconstruct.fit.kernels.device.prepared import KeptLaunch
 from gs2ci.reconstruct.fit.losses.device_losses import DataTermOnDevice
 from gs2ci.reconstruct.fit.losses.objective import DataTerm, LossWeights
 from gs2ci.reconstruct.fit.optimiser import view_steps
@@ -118,6 +119,18 @@ def CASES_AGAIN(kernel):
 def test_nothing_is_called_on_a_device_for_tensors_of_the_host(monkeypatch):
     monkeypatch.setattr(calls, "counterpart", lambda name: pytest.fail(f"{name} called"))
     assert calling.call(gaussian_kernels.add_size_gradient, torch.zeros(12), 0.0, torch.zeros(12)) == 1
+
+
+def test_launches_are_kept_for_many_places_but_not_for_all_that_ever_were(device):
+    launch, constants = KeptLaunch(kernels.adam_step), np.array([0.1, 0.9, 0.1, 1, 0, 0.5], np.float32)
+    every = [[torch.full((3,), float(k)) for k in (number, 1, 0, 0)] for number in range(40)]
+    for _ in range(2):
+        for parameter, *others in every:
+            launch(3, parameter, *others, constants)
+    assert 1 < len(vars(launch._own)) <= 16
+    moved = torch.stack([one[0] for one in every])
+    torch.testing.assert_close(moved - torch.arange(40.0)[:, None], moved[:1].expand(40, 3), rtol=0, atol=1e-5)
+    assert moved[0, 0] < -0.1
 
 
 @pytest.mark.parametrize("viewed", [False, True])

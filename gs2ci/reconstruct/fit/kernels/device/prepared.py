@@ -2,20 +2,23 @@
 
 Warp takes 13 microseconds to make a launch of arrays that it knows, and 7 more for each that it has to be told of; a
 launch that is kept takes 3 (one core of the machine of docs/gpu.md). In a fit most arguments are those of the iteration
-before. Here: launches that are kept, one for each thread, device and kernel. Not here: kernels, graphs
-(`render.warp.recording`).
+before. Here: launches that are kept, one for each thread, device, kernel and place of the first tensor, since an
+iteration calls Adam's for each parameter. Not here: kernels, graphs (`render.warp.recording`).
 """
 
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
 from torch import Tensor
 
 from gs2ci.render.recording import one_at_a_time
+
+_MOST_KEPT: Final = 16
+"""Parameters move when Gaussians are added; what is kept for the places of before is then forgotten with the rest."""
 
 
 class KeptLaunch:
@@ -37,7 +40,11 @@ class KeptLaunch:
             return
         first = next(one for one in arguments if isinstance(one, Tensor))
         place = "cpu" if first.is_cpu else f"cuda:{first.get_device()}"
-        kept: _Kept = self._own.__dict__.setdefault(place, _Kept())
+        all_kept: dict[str, _Kept] = self._own.__dict__
+        where = f"{place} {first.data_ptr()}"
+        if where not in all_kept and len(all_kept) >= _MOST_KEPT:
+            all_kept.clear()
+        kept = all_kept.setdefault(where, _Kept())
         marks = [_mark(one) for one in arguments]
         with one_at_a_time(place):
             if kept.launch is None:
