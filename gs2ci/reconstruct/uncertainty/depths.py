@@ -1,10 +1,9 @@
 """Standard errors of depths, pixel by pixel.
 
-A depth errs with the path, by which all depths shift together, not least as far as a turn in step with the travel may
-take the travel's place; by the error of a point's place in each view, the more the less the point moves through the
-views; by the thickness of the light that it is the median of; and where near and far meet, because an edge may lie a
-pixel off. Here: these together, on a device where one works. Not here: the covariance (`information`), that turn
-(`poses`), the factors (`factors`).
+A depth errs with the path, by which all depths shift together; as far as a turn in step with the travel may take the
+travel's place; by the error of a point's place in each view, the more the less the point moves through the views; by
+the thickness of the light that it is the median of; and where near and far meet, because an edge may lie a pixel off.
+Here: these together, on a device where one works. Not here: that turn (`poses`), the factors (`factors`).
 """
 
 from collections.abc import Sequence
@@ -15,32 +14,30 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen, turned
-from gs2ci.reconstruct.uncertainty.poses import relief, travel_across
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, turned
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 from gs2ci.render.places import work_place
 
 
-def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_error: float, *, given: bool) -> F32:
+def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: float) -> F32:
     """Return the standard error of each depth, [N, H, W], in its unit; 0 where there is no depth.
 
+    If no stage or file gave the unit of lengths, it is that beyond the scale of the median depth, which no image
+    determines.
+
     Args:
-        known: What the readings tell.
         seen: Depths and poses, and the views along them.
         spread: Of the light along the ray, as a share of depth, [N, H, W].
         path_error: Expected error of the path, as a share of its extent.
-        given: Whether a stage or a file gave the poses, and with them the unit of lengths. Otherwise the scale, which
-            no image determines, is that of the median depth.
+        turn: In step with the travel, that readings do not see (`unseen_turn`), rad.
     """
     depth = seen.depth
     there = depth > 0
     if not there.any():
         return np.zeros_like(depth)
-    variance = (1.0 if given else factors.depth_by_poses**2) * _by_poses(known, given=given)
+    device, most = work_place(), factors.most_of_jump
     middle, found = float(np.median(depth[there])), np.zeros_like(depth)
-    shift = 0.0 if given else relief(travel_across(seen.world_to_camera, middle), seen.focal_px)
-    device = work_place()
-    by_cells, most = torch.from_numpy(variance).to(device), factors.most_of_jump
+    moved_by_turn = turn * float(seen.focal_px.mean()) * len(depth) ** 0.5
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
         own, across, light = (torch.from_numpy(one).to(device) for one in (depth[view], seen.rays, spread[view]))
@@ -48,12 +45,13 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
         ahead = torch.where(known_there, own, 1)
         moved = movement(seen.world_to_camera, seen.focal_px, view, (rays[0] * ahead, rays[1] * ahead, ahead))
         jump = torch.hypot(*slopes(torch.where(known_there, own, torch.nan).log())).nan_to_num(nan=most).clamp(max=most)
-        off_middle = (own / middle - 1).abs()
-        by_path = torch.hypot(factors.depth_by_path * path_error * (factors.at_middle + off_middle), shift * off_middle)
+        by_path = factors.depth_by_path * path_error * (factors.at_middle + (own / middle - 1).abs())
+        # The travel that the turn stands for moves a point as its inverse depth says, the turn as the middle one's. The
+        # more of a point's movement may be turn, the less its depth tells how far from the middle it lies.
+        share = (moved_by_turn / moved).clamp(max=1)
+        by_turn = share * torch.hypot(middle / ahead - 1, share * factors.unknown_depth)
         by_light = torch.hypot(factors.depth_by_spread * light.double(), factors.depth_by_jump * jump)
-        # Pixels of no cell, -1, take the last.
-        by_poses = by_cells[torch.from_numpy(known.cells[view]).to(device)]
-        relative = (by_poses + (factors.place_px / moved) ** 2 + by_light**2 + by_path**2).sqrt()
+        relative = ((factors.place_px / moved) ** 2 + by_light**2 + by_path**2 + by_turn**2).sqrt()
         found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
 
@@ -83,12 +81,3 @@ def movement(world_to_camera: F64, focal_px: F64, view: int, points: Sequence[Te
             squares += place.square()
     spread = squares - sum(one.square() for one in total) / len(world_to_camera)
     return spread.clamp(min=0).sqrt().clamp(min=factors.place_px)
-
-
-def _by_poses(known: Information, *, given: bool) -> F64:
-    """Return the relative variance that depths of cells have from the path, [B + 1]; the last is that of no cell."""
-    cells, follow = known.cells, known.depths_by_poses
-    if len(follow) and not given:
-        share = np.bincount(cells[cells >= 0].ravel(), minlength=len(follow)).astype(np.float64)
-        follow = follow - share @ follow / share.sum()
-    return np.append(np.square(follow).sum(axis=1), factors.unknown_depth**2)

@@ -18,7 +18,7 @@ from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.uncertainty.depths import errors_of_depths
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, flows_between, information
-from gs2ci.reconstruct.uncertainty.poses import errors_of_poses
+from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, unseen_turn
 from gs2ci.reconstruct.uncertainty.views import ViewsMade, errors_alike, errors_of_views
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.stopping import StoppedLight
@@ -91,12 +91,13 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     given = path.given is not None
     if given:  # so that the readings do not seem to make given poses surer than they do
         seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
-    known = information(seen, path.reference, path.given)
+    covariance = information(seen, path.reference, path.given)
+    turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
     there = depth[depth > 0]
     middle = float(np.median(there)) if there.size else 1.0
-    positions, rotations = errors_of_poses(known.poses, of.world_to_camera, middle, seen.focal_px, given=given)
-    spread = of.light.spread.numpy()
-    return Uncertainty(views, errors_of_depths(known, seen, spread, path.error, given=given), positions, rotations)
+    positions, rotations = errors_of_poses(covariance, of.world_to_camera, middle, turn, given=given)
+    depths = errors_of_depths(seen, of.light.spread.numpy(), path.error, turn)
+    return Uncertainty(views, depths, positions, rotations)
 
 
 def in_other_order(

@@ -2,8 +2,7 @@
 
 All were fixed on the draws 6200 and 6201 of `python -m tests.benchmarks reliability`, so that about seven errors of ten
 lie within one standard error and nineteen of twenty within two, and are judged on its other draws
-(docs/decisions/uncertainty.md); but for `relief_px`, which was found on 6200 and chosen with 6300 and 6301 in sight.
-Errors have longer tails than a normal distribution, nearly those of Laplace's.
+(docs/decisions/uncertainty.md). Errors have longer tails than a normal distribution, nearly those of Laplace's.
 """
 
 from dataclasses import dataclass
@@ -41,15 +40,15 @@ class Factors:
         position: Errors of positions that tracks or fits found, in those by Gauss-Newton, whose readings are taken to
             err independently: what a scene lacks is alike at neighbouring pixels and in all views. Beside the errors of
             given poses, readings tell by so much less.
-        turn: The same for turns,
-        turn_per_travel: and the share of the angle that travel moves the scene by, which turns may take its place.
+        turn: The same for turns.
         turn_counts: In the alignment of two paths, positions decide; orientations only about what they leave open, as
             the roll about a straight path. A turn of 1 rad counts as an error of a position by this share of the path.
         turn_prior: No camera turns by more than about so many radians against what is known beforehand.
-        relief_px: A turn in step with the travel and a shift of all inverse depths leave the picture as it is
-            (bas-relief): readings do not see a turn that moves it by this, px, from the middle of the path to an end.
-            It shifts inverse depths by as much as that part of the travel moves the middle depth.
-        depth_by_poses: As `position`, for the part of depths' errors that is due to the path.
+        unseen_px: A turn in step with the travel and a shift of all inverse depths leave the picture as it is
+            (bas-relief), but for what a turn does beyond moving the picture as a whole. Readings do not see a turn of
+            which this is less than so many px, in the mean over the picture and the path: the narrower the field of
+            view, the larger the turn.
+        out_of_step: So much of it is not in step with the travel, and takes the place of travel view by view.
         depth_by_spread: The error of a depth per spread along the ray of the light that it is the median of.
         place_px: The error of a point's place in each view, px, as it makes a depth err: a point that moves little
             through the views, as one far down a corridor, has an uncertain depth.
@@ -80,16 +79,15 @@ class Factors:
 
     position: float = 3.45
     turn: float = 3.84
-    turn_per_travel: float = 0.38
     turn_counts: float = 0.02
     turn_prior: float = 0.1
-    relief_px: float = 0.5
-    depth_by_poses: float = 2.05
+    unseen_px: float = 0.055
+    out_of_step: float = 0.1
     depth_by_spread: float = 0.56
     place_px: float = 0.25
     depth_by_jump: float = 0.91
     most_of_jump: float = 0.3
-    depth_by_path: float = 4.0
+    depth_by_path: float = 3.0
     at_middle: float = 0.3
     path_not_judged: float = 0.02
     unknown_depth: float = 0.5

@@ -1,7 +1,7 @@
-"""What coded readings tell about depths and poses: the normal matrix of Gauss-Newton, and its inverse.
+"""What coded readings tell about poses, depths being unknown: the normal matrix of Gauss-Newton, and its inverse.
 
-Here: the derivatives of the readings by the depths of cells of the reference view and by all poses, and their
-covariance. Not here: what else makes depths err (`depths`), standard errors of views (`views`).
+Here: the derivatives of the readings by the depths of cells of the reference view and by all poses, and the poses'
+covariance. Not here: what makes depths err (`depths`), standard errors of views (`views`).
 
 A change of a camera's pose, or of a surface's depth along the ray of the reference view, moves what view n shows at a
 pixel by a flow u_n, and the pixel's one reading by Σ_n w_n M_n ∇X_n · u_n: N views share the reading. What surfaces
@@ -73,24 +73,10 @@ class ReadingsSeen:
     noise: F32
 
 
-@dataclass(frozen=True, eq=False)
-class Information:
-    """The covariance of poses, and of depths as far as it is due to them.
+def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] | None = None) -> F64:
+    """Return the covariance of poses' twists (translation first, in the cameras' axes), [6 N, 6 N], by the readings.
 
-    Args:
-        poses: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
-        depths_by_poses: How relative depths of the cells that any view sees err with the poses, [B, 6 N]: their
-            covariance, beyond that if the poses were known, is the product of this with its transpose.
-        cells: Which of these each pixel of each view shows, [N, H, W]; -1: none.
-    """
-
-    poses: F64
-    depths_by_poses: F64
-    cells: Numbers
-
-
-def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] | None = None) -> Information:
-    """Return what is known of poses and depths, given one exposure's readings.
+    Depths are unknown together with them.
 
     Args:
         seen: The exposure.
@@ -111,9 +97,8 @@ def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] 
     between = share * factors.unknown_depth * (by_depth.T @ by_pose) * prior
     follow = cho_solve(cho_factor(of_depths), between)
     of_poses = share * (by_pose.T @ by_pose) * np.outer(prior, prior) + np.eye(len(prior)) - between.T @ follow
-    scaled = np.linalg.inv(of_poses)
-    by_poses = factors.unknown_depth * follow @ np.linalg.cholesky((scaled + scaled.T) / 2)
-    return Information(scaled * np.outer(prior, prior), by_poses, cells)
+    scaled: F64 = np.linalg.inv(of_poses)
+    return scaled * np.outer(prior, prior)
 
 
 def _middle_depth(seen: ReadingsSeen) -> float:

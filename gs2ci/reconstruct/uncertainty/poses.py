@@ -5,41 +5,37 @@ against the true one after the turn that all cameras have in common. Here: these
 covariance (`information`), the factors (`factors`).
 """
 
+from typing import Final
+
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.uncertainty.factors import factors
 
-
-def travel_across(world_to_camera: F64, middle_depth: float) -> F64:
-    """Return the angles by which travel across the line of sight moves the middle depth, from the mean place, rad, [N].
-
-    Args:
-        world_to_camera: [N, 4, 4].
-        middle_depth: Of the scene, in the unit of the path.
-    """
-    centres = camera_centres(world_to_camera)
-    across = (centres - centres.mean(axis=0)) @ world_to_camera[len(centres) // 2, :2, :3].T
-    angles: F64 = np.hypot(*across.T) / middle_depth
-    return angles
+# Of a picture of one pixel, or a path of one place.
+_LEAST: Final = 1e-30
 
 
-def relief(across: F64, focal_px: F64) -> float:
-    """Return the standard error of all inverse depths' common shift, as a share of the middle one; at most 1.
+def unseen_turn(rays: F32, focal_px: F64, given: float | None = None) -> float:
+    """Return the standard error of a turn in step with the travel, whose place travel may take, rad.
 
-    As much of each camera's travel across the line of sight may be a turn instead.
+    In the mean over the path.
 
     Args:
-        across: Of each camera, rad, [N].
+        rays: Of the pixels, at z = 1, [H, W, 2].
         focal_px: Focal lengths, [2].
+        given: The standard error of given rotations, rad; None if a reconstruction found them.
     """
-    seen_px = float(across.max() * focal_px.mean())
-    return factors.relief_px / max(seen_px, factors.relief_px)
+    x, y = np.moveaxis(rays.astype(np.float64), -1, 0)
+    # A turn of 1 rad about the y axis moves the picture by 1 + x² and x y focal lengths, one about x by x y and 1 + y².
+    beyond_shift = np.sqrt((np.var(x * x) + np.var(y * y)) / 2 + np.var(x * y))
+    most = factors.turn_prior if given is None else given
+    return min(most, factors.unseen_px / max(float(beyond_shift * focal_px.mean()), _LEAST))
 
 
 def errors_of_poses(
-    covariance: F64, world_to_camera: F64, middle_depth: float, focal_px: F64, *, given: bool
+    covariance: F64, world_to_camera: F64, middle_depth: float, turn: float, *, given: bool
 ) -> tuple[F64, F64]:
     """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
 
@@ -47,7 +43,7 @@ def errors_of_poses(
         covariance: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
-        focal_px: Focal lengths, [2].
+        turn: That readings do not see (`unseen_turn`), rad.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
     """
     count = len(world_to_camera)
@@ -59,9 +55,10 @@ def errors_of_poses(
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     if given:
         return position, rotation
-    across = travel_across(world_to_camera, middle_depth)
-    per_travel = np.hypot(factors.turn_per_travel, relief(across, focal_px))
-    return factors.position * position, np.hypot(factors.turn * rotation, per_travel * across)
+    place = factors.out_of_step * turn * middle_depth
+    far = np.linalg.norm(moved, axis=1)
+    in_step = turn * far / max(float(np.sqrt(np.square(far).mean())), _LEAST)
+    return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 
 
 def _squares(matrix: F64) -> F64:

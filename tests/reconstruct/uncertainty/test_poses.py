@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.cameras import camera_centres
 from gs2ci.evaluate.trajectory import align
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, relief, travel_across
+from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, unseen_turn
 from gs2ci.render import se3
 from tests.reconstruct.uncertainty.conftest import path
 
@@ -24,7 +25,7 @@ def test_stated_positions_and_turns_are_those_of_drawn_errors():
 
     true, rng = bent(), np.random.default_rng(0)
     spread = np.tile([2e-4] * 3 + [1e-4] * 3, len(true))
-    positions, rotations = errors_of_poses(np.diag(spread**2), true, 2.0, FOCAL_PX, given=True)
+    positions, rotations = errors_of_poses(np.diag(spread**2), true, 2.0, 1e-3, given=True)
     far, turned = [], []
     for _ in range(300):
         twists = torch.from_numpy((spread * rng.standard_normal(len(spread))).reshape(-1, 6))
@@ -40,37 +41,48 @@ def test_a_common_motion_of_all_cameras_is_no_error():
     poses = bent()
     # All cameras move by the same step of the world: the covariance of one direction.
     step = np.concatenate([np.concatenate([-pose[:3, :3] @ [1.0, 2, 3], np.zeros(3)]) for pose in poses])
-    positions, rotations = errors_of_poses(np.outer(step, step), poses, 2.0, FOCAL_PX, given=True)
+    positions, rotations = errors_of_poses(np.outer(step, step), poses, 2.0, 1e-3, given=True)
     assert np.allclose(positions, 0, atol=1e-9)
     assert np.allclose(rotations, 0, atol=1e-9)
 
 
 def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_with_its_travel():
     poses, covariance = bent(), 1e-8 * np.eye(42)
-    given, found = (errors_of_poses(covariance, poses, 2.0, FOCAL_PX, given=given) for given in (True, False))
-    assert found[0] == pytest.approx(factors.position * given[0])
+    given, found = (errors_of_poses(covariance, poses, 2.0, 1e-3, given=given) for given in (True, False))
+    assert found[0] == pytest.approx(np.hypot(factors.position * given[0], factors.out_of_step * 2e-3))
     assert found[1][0] > found[1][3]
-    assert (found[1] >= factors.turn * given[1]).all()
+    assert np.square(found[1]).mean() == pytest.approx(np.square(factors.turn * given[1]).mean() + 1e-6)
 
 
 @pytest.mark.parametrize("poses", [path(1), path(2), path(5, (0, 0, 0))], ids=["one view", "two views", "at rest"])
 def test_paths_that_determine_no_alignment_have_finite_errors(poses):
-    positions, rotations = errors_of_poses(1e-6 * np.eye(6 * len(poses)), poses, 1.0, FOCAL_PX, given=False)
+    positions, rotations = errors_of_poses(1e-6 * np.eye(6 * len(poses)), poses, 1.0, 1e-3, given=False)
     for errors in (positions, rotations):
         assert errors.shape == (len(poses),)
         assert np.isfinite(errors).all()
 
 
-def test_travel_across_counts_by_the_angle_at_the_middle_depth_and_travel_ahead_does_not():
-    poses = np.tile(np.eye(4), (3, 1, 1))
-    poses[:, 0, 3] = -np.array([-0.3, 0.0, 0.3])
-    poses[:, 2, 3] = -np.array([0.0, 5.0, 1.0])
-    assert travel_across(poses, 6.0) == pytest.approx([0.05, 0, 0.05])
+def seen_at(focal_px, size=(72, 96)):
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    return np.stack([columns - size[1] / 2, rows - size[0] / 2], axis=-1) / focal_px
 
 
-def test_the_shorter_the_travel_in_the_picture_the_less_sure_is_the_shift_of_all_inverse_depths():
-    """A turn that moves the picture by RELIEF_PX takes the place of so much of 5 px, half as much of 10 px."""
-    across = np.array([0.05, 0, 0.05])
-    assert relief(across, FOCAL_PX) == pytest.approx(factors.relief_px / 5)
-    assert relief(across, 2 * FOCAL_PX) == pytest.approx(factors.relief_px / 10)
-    assert relief(0 * across, FOCAL_PX) == 1
+def test_readings_do_not_see_a_turn_that_displaces_a_picture_hardly_otherwise_than_a_shift():
+    """What a turn does to a picture beyond a shift falls with the square of the field of view, by moving its pixels."""
+    turn, rays = unseen_turn(seen_at(100.0), FOCAL_PX), seen_at(100.0)
+    left = []
+    for axis in ([0.0, turn, 0.0], [turn, 0.0, 0.0]):
+        there = Rotation.from_rotvec(axis).apply(
+            np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1).reshape(-1, 3)
+        )
+        flow = 100 * (there[:, :2] / there[:, 2:] - rays.reshape(-1, 2))
+        left.append(flow.var(axis=0).sum())
+    assert np.sqrt(np.mean(left)) == pytest.approx(factors.unseen_px, rel=0.02)
+    # In px, four times the turn at twice the focal length.
+    assert unseen_turn(seen_at(200.0), 2 * FOCAL_PX) == pytest.approx(2 * turn)
+
+
+def test_no_turn_is_larger_than_what_is_known_beforehand_or_given():
+    assert unseen_turn(seen_at(1e4), 100 * FOCAL_PX) == factors.turn_prior
+    assert unseen_turn(seen_at(100.0), FOCAL_PX, 1e-4) == 1e-4
+    assert unseen_turn(np.zeros((1, 1, 2)), FOCAL_PX, 0.0) == 0
