@@ -20,6 +20,8 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 SATURATION_WORTH_SAYING: Final = 0.01
 # Lamps, glints and defective pixels are less than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
+# Share of the light, of all readings. What errs in a lamp's light is spread over the scene about it.
+_LAMP_WORTH_SAYING: Final = 0.1
 # Share of the light of the brightest view: less than a step of an eight-bit sensor.
 _FAINT_VIEW: Final = 1e-3
 # Normal differences of a lamp or a moving view, as a share of the middle view's brightness, and in standard errors.
@@ -41,6 +43,16 @@ def doubts_about(shot: Shot) -> tuple[Finding, ...]:
 def clipped_share(shot: Shot) -> float:
     """Return the share of pixels that are marked as clipped."""
     return 0.0 if shot.saturated is None else float(shot.saturated.mean())
+
+
+def doubt_about_lamps(shot: Shot) -> tuple[Finding, ...]:
+    """Report a few pixels, hot ones closed, that are brighter than white and hold much of the light."""
+    lit = beyond_white(shot)
+    share = float(lit.mean())
+    light = float(shot.measurement[lit].sum()) / max(float(np.abs(shot.measurement).sum()), np.finfo(np.float32).tiny)
+    if share >= _EXCESS_WORTH_SAYING or light < _LAMP_WORTH_SAYING:
+        return ()
+    return (finding(Code.LAMP_IN_PICTURE, share=share, light=light),)
 
 
 def _doubts_about_light(shot: Shot) -> list[Finding]:
