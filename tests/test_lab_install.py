@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 import gs2ci
 from gs2ci import __version__, cli
@@ -22,6 +23,7 @@ from gs2ci.core.extras import EXTRAS, missing_extra
 from gs2ci.evaluate import viewer
 from gs2ci.evaluate.exports import depth_files
 from gs2ci.reconstruct.learned import ffdnet
+from gs2ci.reconstruct.learned.weight_file import Convolution
 from gs2ci.render.backend import load_backend
 from gs2ci_drivers.links.alp_library import AlpLibrary
 from gs2ci_drivers.links.gentl import GenTlPort
@@ -195,7 +197,8 @@ def _read_a_mesh(folder):
 
 
 def _write_a_model(folder):
-    ffdnet.export_ffdnet(ffdnet.FfdNet(()), folder / "model.onnx")
+    layer = Convolution(torch.zeros(4, 5, 3, 3), torch.zeros(4))
+    ffdnet.export_ffdnet(ffdnet.FfdNet((layer,)), folder / "model.onnx")
 
 
 def _write_depth(folder):

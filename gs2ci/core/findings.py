@@ -128,6 +128,7 @@ class Code(StrEnum):
     RIM_GUESSED = auto()
     DARKER_THAN_DARK = auto()
     BRIGHTER_THAN_WHITE = auto()
+    LAMP_IN_PICTURE = auto()
     VERY_DARK = auto()
     UNEVEN_VIEWS = auto()
     WEIGHTS_CORRECTED = auto()

@@ -27,7 +27,7 @@ from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
 from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
 from gs2ci.reconstruct.measurement.brightness import Brightness
-from gs2ci.reconstruct.measurement.doubts import doubts_about
+from gs2ci.reconstruct.measurement.doubts import doubt_about_lamps, doubts_about
 from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.holes import fill_holes
@@ -174,7 +174,7 @@ def as_shown(score: Score | None, light: Brightness) -> Score | None:
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
     """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
     sound, faulty = close_faulty_pixels(shot)
-    return sound, said((*doubts_about(shot), *faulty), progress)
+    return sound, said((*doubts_about(shot), *doubt_about_lamps(sound), *faulty), progress)
 
 
 def _mask_moments(first: FirstLook, lens: Lens | None, settings: Settings, progress: Progress) -> MaskMoments | None:

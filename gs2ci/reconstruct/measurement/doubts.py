@@ -20,6 +20,8 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 SATURATION_WORTH_SAYING: Final = 0.01
 # Lamps, glints and defective pixels are less than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
+# Share of the light, of all readings. What errs in a lamp's light is spread over the scene about it.
+_LAMP_WORTH_SAYING: Final = 0.1
 # Share of the light of the brightest view: less than a step of an eight-bit sensor.
 _FAINT_VIEW: Final = 1e-3
 # Normal differences of a lamp or a moving view, as a share of the middle view's brightness, and in standard errors.
@@ -36,6 +38,16 @@ _UNEXPLAINED_WORTH_SAYING: Final = 0.6
 def doubts_about(shot: Shot) -> tuple[Finding, ...]:
     """Report what in a checked shot makes views, path or depth uncertain; nothing if all is normal."""
     return (*_doubts_about_light(shot), *_doubts_about_masks(shot))
+
+
+def doubt_about_lamps(shot: Shot) -> tuple[Finding, ...]:
+    """Report a few pixels, hot ones closed, that are brighter than white and hold much of the light."""
+    lit = beyond_white(shot)
+    share = float(lit.mean())
+    light = float(shot.measurement[lit].sum()) / max(float(np.abs(shot.measurement).sum()), np.finfo(np.float32).tiny)
+    if share >= _EXCESS_WORTH_SAYING or light < _LAMP_WORTH_SAYING:
+        return ()
+    return (finding(Code.LAMP_IN_PICTURE, share=share, light=light),)
 
 
 def _doubts_about_light(shot: Shot) -> list[Finding]:

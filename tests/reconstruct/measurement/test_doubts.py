@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.findings import Code
 from gs2ci.core.records import CFA_PATTERNS, Shot
 from gs2ci.reconstruct.measurement.coding import cfa_channels
-from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
+from gs2ci.reconstruct.measurement.doubts import doubt_about_lamps, doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 
@@ -38,6 +38,22 @@ def test_one_lamp_is_not_worth_a_word(smooth_shot):
     measurement = smooth_shot.measurement.copy()
     measurement[3, 4:8] = 20
     assert Code.BRIGHTER_THAN_WHITE not in found_in(replace(smooth_shot, measurement=measurement))
+
+
+def test_a_lamp_that_outshines_the_scene_is_told_though_it_is_small(smooth_shot):
+    """Nine pixels of 20 times white in a dark scene: a share of the picture that says nothing."""
+    views = smooth_shot.truth.views / 20
+    views[:, 10:13, 20:23] = 20
+    measured = (smooth_shot.masks[..., None] * views).sum(axis=0)
+    (told,) = doubt_about_lamps(replace(smooth_shot, measurement=measured))
+    assert told.code is Code.LAMP_IN_PICTURE
+    assert told.figures["share"] < 0.01
+    assert told.figures["light"] > 0.5
+    assert doubt_about_lamps(smooth_shot) == ()
+    assert doubt_about_lamps(replace(smooth_shot, measurement=0 * smooth_shot.measurement)) == ()
+    half_masks = replace(smooth_shot, masks=0.5 * smooth_shot.masks)
+    assert doubt_about_lamps(half_masks) == ()
+    assert Code.BRIGHTER_THAN_WHITE in found_in(half_masks)
 
 
 def test_a_measurement_of_another_unit_is_told(smooth_shot):

@@ -39,7 +39,7 @@ _NOTHING: Final = np.float32(1e-30)
 # Each eigenvalue takes two or three; EISPACK gives up after 30.
 _MOST_STEPS: Final = 40
 # Halvings of an interval until it is as narrow as float32's rounding.
-_HALVINGS: Final = 24
+_HALVINGS: Final = int(np.finfo(np.float32).nmant) + 1
 # Values that differ by a smaller share of the largest: their eigenvectors have to be sought together.
 _ALIKE: Final = np.float32(1e-5)
 # No squared norm of a sound vector with an entry of 1 at its place is near this.
