@@ -2,7 +2,7 @@
 
 import importlib
 
-from tests.benchmarks import profile, sizes
+from tests.benchmarks import many_exposures, profile, sizes
 from tests.benchmarks.__main__ import BENCHMARKS
 
 
@@ -12,5 +12,5 @@ def test_each_benchmark_can_be_started():
 
 
 def test_what_a_benchmark_times_is_there():
-    stages = [stage[1:] for stage in (*profile.PARTS, *sizes.STAGES)]
+    stages = [stage[1:] for stage in (*profile.PARTS, *sizes.STAGES, *many_exposures.STAGES)]
     assert [(owner, name) for owner, name in stages if not callable(getattr(owner, name, None))] == []

@@ -3,9 +3,7 @@
 Here: the record and its check. Not here: how it is found (`gs2ci.reconstruct.uncertainty`), files.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,20 +44,10 @@ class Uncertainty:
                 continue
             if array.shape != wanted:
                 raise InputError(f"standard errors of {name} have shape {list(array.shape)}", allowed=str(list(wanted)))
-            if not (np.isfinite(array) & (array >= 0)).all():
+            if not all((np.isfinite(part) & (part >= 0)).all() for part in array):
                 raise NumericsError(
                     f"standard errors of {name} hold NaN, infinity or a negative number",
                     allowed="finite numbers from 0 on",
                     remedy="report this run with its shot file",
                 )
         return self
-
-
-def joined(parts: Sequence[Uncertainty]) -> Uncertainty:
-    """Return the standard errors of several exposures, whose views follow one another; what one lacks is left out."""
-    views = np.concatenate([part.views for part in parts])
-    others: dict[str, Any] = {}
-    for field in fields(Uncertainty)[1:]:
-        arrays = [getattr(part, field.name) for part in parts]
-        others[field.name] = None if any(array is None for array in arrays) else np.concatenate(arrays)
-    return Uncertainty(views, **others)

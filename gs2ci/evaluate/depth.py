@@ -21,6 +21,8 @@ FAR_OFF_PX: Final = 0.25
 # below which errors are weighted equally.
 _ROUNDS: Final = 50
 _LEVEL_SHARE: Final = 1e-3
+# The share of its square below which the variance of a column is no more than rounding.
+_CONSTANT: Final = 1e-12
 
 
 @dataclass(frozen=True)
@@ -88,23 +90,21 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
     both = wanted & _known_pixels(estimate)
     if not both.any():
         return None
-    true, found = truth[both].astype(np.float64), estimate[both].astype(np.float64)
-    scale = float(np.median(true / found))
-    error = scale * found - true
-    ratio = np.maximum(scale * found / true, true / (scale * found))
-    varied = np.ptp(true) > 0 and np.ptp(found) > 0
+    pair, known = (estimate[both], truth[both]), float(both.sum() / wanted.sum())
+    del wanted, both  # what is as long as the pixels of many exposures goes when it has done its part
+    rank = rank_correlation(*pair) if all(np.ptp(one) > 0 for one in pair) else None
+    found, true = (one.astype(np.float64) for one in pair)
+    del pair
     off_px = None if parallax is None or not np.ptp(true) else parallax * inverse_depth_errors(found, true)
-    return DepthErrors(
-        scale=scale,
-        abs_rel=float(np.mean(np.abs(error) / true)),
-        median_rel=float(np.median(np.abs(error) / true)),
-        rms=rms_of(error),
-        close_share=float(np.mean(ratio < _CLOSE_RATIO)),
-        known_share=float(both.sum() / wanted.sum()),
-        rank=rank_correlation(found, true) if varied else None,
-        median_px=None if off_px is None else float(np.median(off_px)),
-        far_off_share=None if off_px is None else float(np.mean(off_px > FAR_OFF_PX)),
-    )
+    of_px = (None, None) if off_px is None else (float(np.median(off_px)), float(np.mean(off_px > FAR_OFF_PX)))
+    del off_px
+    scale = float(np.median(true / found))
+    found *= scale
+    close = float(np.mean((found < _CLOSE_RATIO * true) & (true < _CLOSE_RATIO * found)))
+    found -= true
+    rms = rms_of(found)
+    relative = np.divide(np.abs(found, out=found), true, out=found)
+    return DepthErrors(scale, float(np.mean(relative)), float(np.median(relative)), rms, close, known, rank, *of_px)
 
 
 def inverse_depth_errors(found: F64, true: F64) -> F64:
@@ -115,17 +115,26 @@ def inverse_depth_errors(found: F64, true: F64) -> F64:
     A small rotation of the cameras can be exchanged for a part of their translation, which adds a constant to inverse
     depth. With a scale alone, that would count as an error of depth; the errors of the path already include it.
     """
-    # In units of its median, so that both columns are of one size whatever the unit of the estimate is.
-    design, wanted = np.stack([np.median(found) / found, np.ones_like(found)], axis=1), 1 / true
-    level = max(_LEVEL_SHARE * float(np.ptp(wanted)), np.finfo(np.float64).tiny)
-    weights = np.ones_like(wanted)
-    errors = np.zeros_like(wanted)
-    for _ in range(_ROUNDS):
-        root = np.sqrt(weights)
-        fit, *_ = np.linalg.lstsq(design * root[:, None], wanted * root, rcond=None)
-        errors = np.abs(design @ fit - wanted)
-        weights = 1 / np.maximum(errors, level)
-    return errors if fit[0] >= 0 else np.abs(wanted - np.median(wanted))
+    # In units of its median, so that both are of one size whatever the unit of the estimate is; of many exposures
+    # there are tens of millions, so that few arrays of their length are held.
+    x, y = np.median(found) / found, 1 / true
+    level = max(_LEVEL_SHARE * float(np.ptp(y)), np.finfo(np.float64).tiny)
+    x0, y0 = x[0], y[0]
+    x -= x0
+    y -= y0
+    errors = np.ones_like(y)
+    for step in range(_ROUNDS):
+        weights = np.divide(1, np.maximum(errors, level), out=errors) if step else errors
+        total, across, along = weights.sum(), weights @ x, weights @ y
+        weights *= x
+        square, product = weights @ x, weights @ y
+        spread = square - across**2 / total
+        slope = (product - across * along / total) / spread if spread > _CONSTANT * square else 0.0
+        np.multiply(x, slope, out=errors)
+        errors += (along - slope * across) / total
+        errors -= y
+        np.abs(errors, out=errors)
+    return errors if slope >= 0 else np.abs(y - np.median(y))
 
 
 def parallax_of(world_to_camera: F64, intrinsics: F64) -> float | None:

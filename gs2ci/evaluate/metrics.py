@@ -4,11 +4,11 @@ Here: PSNR and SSIM per view; the measurement's residual, in its own unit and in
 pixel). Not here: camera paths (`gs2ci.evaluate.trajectory`), depth, files.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from gs2ci.core.arrays import F32, F64, Bool, rms_of
@@ -48,8 +48,7 @@ def psnr_per_view(estimate: F32, truth: F32) -> list[float]:
     Raises:
         InputError: The shapes differ, or hold no view.
     """
-    a, b = _clamped(estimate, truth)
-    mse = np.mean((a - b) ** 2, axis=(1, 2, 3))
+    mse = [float(np.mean(np.square(a - b))) for a, b in _clamped(estimate, truth)]
     return [float(-10 * np.log10(max(value, MSE_FLOOR))) for value in mse]
 
 
@@ -67,16 +66,12 @@ def ssim_per_view(estimate: F32, truth: F32) -> list[float]:
     Raises:
         InputError: The shapes differ, or hold no view.
     """
-    a, b = _clamped(estimate, truth)
-    short = [max(0, SSIM_WINDOW_PX - side) for side in a.shape[1:3]]
-    margins = [(0, 0), *((gap // 2, gap - gap // 2) for gap in short), (0, 0)]
-    if any(short):
-        a, b = np.pad(a, margins, mode="symmetric"), np.pad(b, margins, mode="symmetric")
+    short = [max(0, SSIM_WINDOW_PX - side) for side in estimate.shape[1:3]]
+    margins = [*((gap // 2, gap - gap // 2) for gap in short), (0, 0)]
     return [
         float(
             structural_similarity(
-                one,
-                other,
+                *(np.pad(view, margins, mode="symmetric") if any(short) else view for view in pair),
                 gaussian_weights=True,
                 sigma=SSIM_SIGMA_PX,
                 use_sample_covariance=False,
@@ -84,7 +79,7 @@ def ssim_per_view(estimate: F32, truth: F32) -> list[float]:
                 channel_axis=-1,
             )
         )
-        for one, other in zip(a, b, strict=True)
+        for pair in _clamped(estimate, truth)
     ]
 
 
@@ -123,13 +118,16 @@ def measurement_residual(predicted: F32, measurement: F32, saturated: Bool | Non
     return Residual(rms=rms_of(error), mean_abs=float(np.mean(np.abs(error))))
 
 
-def _clamped(estimate: F32, truth: F32) -> tuple[NDArray[Any], NDArray[Any]]:
+def _clamped(estimate: F32, truth: F32) -> Iterator[tuple[F64, F64]]:
+    """Yield each view and its truth, [H, W, C]: of many exposures not all fit into memory in double precision."""
     if estimate.shape != truth.shape or estimate.ndim != 4 or 0 in estimate.shape:
         raise InputError(
             f"views {list(estimate.shape)} cannot be compared with true views {list(truth.shape)}",
             allowed="two stacks [N, H, W, C] of one shape",
         )
-    return np.clip(estimate.astype(np.float64), 0, 1), np.clip(truth.astype(np.float64), 0, 1)
+    for pair in zip(estimate, truth, strict=True):
+        one, other = (np.clip(view.astype(np.float64), 0, 1) for view in pair)
+        yield one, other
 
 
 @dataclass(frozen=True)

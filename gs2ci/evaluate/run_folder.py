@@ -115,18 +115,18 @@ def write_run(
 
 
 def _write_images(folder: Path, result: RunResult) -> None:
-    np.save(folder / "views.npy", _three_channels(result.views))
-    np.save(folder / "decode.npy", _three_channels(result.decode))
-    np.save(folder / "scene_views.npy", _three_channels(result.scene_views))
+    _save_views(folder / "views.npy", result.views)
+    _save_views(folder / "decode.npy", result.decode)
+    _save_views(folder / "scene_views.npy", result.scene_views)
     if result.exposed_views is not None:
-        np.save(folder / EXPOSED_NAME, _three_channels(result.exposed_views))
+        _save_views(folder / EXPOSED_NAME, result.exposed_views)
     for name in ("depth", "depth_spread", "depth_confidence"):
         values = getattr(result, name)
         if values is not None:
-            np.save(folder / f"{name}.npy", values.astype(np.float32))
+            np.save(folder / f"{name}.npy", values.astype(np.float32, copy=False))
     write_errors(folder, result.uncertainty)
     if result.disagreement is not None:
-        np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
+        np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32, copy=False))
     write_pictures(folder / "views", result.views)
 
 
@@ -171,5 +171,10 @@ def _write_moments(folder: Path, shot: Shot, result: RunResult, scene: Gaussians
             write_ply(folder / MOMENTS_NAME / f"{Path(name).stem}.ply", scene.at(float(moment)))
 
 
-def _three_channels(views: F32) -> F32:
-    return np.ascontiguousarray(np.broadcast_to(views, (*views.shape[:3], 3)), dtype=np.float32)
+def _save_views(path: Path, views: F32) -> None:
+    """Write views as `np.save` does, mono repeated thrice: one at a time, since those of a joint run are many."""
+    shape = (*views.shape[:3], 3)
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": shape})
+        for view in views:
+            file.write(np.ascontiguousarray(np.broadcast_to(view, shape[1:]), "<f4").data)

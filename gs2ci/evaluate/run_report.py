@@ -72,7 +72,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
 
 def masks_digest(shot: Shot) -> str:
     """Return a hash of the masks, so that a report identifies them."""
-    return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").data).hexdigest()
 
 
 def _simulation(provenance: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:

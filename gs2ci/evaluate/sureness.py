@@ -37,7 +37,7 @@ def write_errors(folder: Path, errors: Uncertainty | None) -> None:
     maps = {VIEWS_ERROR: errors.views, DEPTH_ERROR: errors.depth, DEPTH_OTHER: errors.other_depth}
     for name, values in maps.items():
         if values is not None:
-            np.save(folder / name, values.astype(np.float32))
+            np.save(folder / name, values.astype(np.float32, copy=False))
 
 
 def errors_of_centres(scene: Gaussians, result: RunResult) -> F32 | None:

@@ -49,7 +49,7 @@ from tests.processes import ONE_THREAD, answer_of
 ASKED = 32
 STAGES = (
     ("observed", resumed, "observe"),
-    ("placed", resumed, "places"),
+    ("placed", joint, "places"),
     ("fitted", joint, "_fitted"),
     ("views made", joint, "_part"),
     ("views together", joint, "merged"),

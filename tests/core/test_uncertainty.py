@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.core.uncertainty import Uncertainty, joined
+from gs2ci.core.uncertainty import Uncertainty
 
 SHAPE = (2, 3, 4)
 
@@ -32,9 +32,3 @@ def test_a_number_that_is_no_standard_error_is_refused(errors, bad):
     wrong[1] = bad
     with pytest.raises(NumericsError, match="standard errors of positions hold"):
         replace(errors, positions=wrong).check(SHAPE)
-
-
-def test_those_of_several_exposures_follow_one_another(errors):
-    both = joined([errors, replace(errors, depth=None)]).check((4, *SHAPE[1:]))
-    assert both.depth is None
-    assert both.positions.tolist() == [0.1, 0.2] * 2

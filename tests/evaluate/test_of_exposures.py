@@ -11,12 +11,13 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS
 from gs2ci.core.storage import write_shots
 from gs2ci.core.summed import summed
+from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.evaluate.evaluation import ReferenceData, evaluate, exposures_of
 from gs2ci.evaluate.metrics import SensorNoise, image_scores
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.report import ExposureSection, read_report
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.reconstruct.exposures.merging import merged
+from gs2ci.reconstruct.exposures.merging import merged, side_by_side
 from tests.evaluate.reports import a_report
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -128,3 +129,18 @@ def test_a_run_of_one_exposure_has_none(make_run, scene, tmp_path):
     shot, result = make_run(count=4, size=(24, 32))
     folder = write_run(tmp_path / "run", shot, result, scene)
     assert evaluate(read_run(folder), ReferenceData(shot))["exposures"] == []
+
+
+def test_standard_errors_follow_one_another_and_what_one_exposure_lacks_is_left_out(make_run):
+    result = make_run(count=2)[1]
+    maps = np.full(result.views.shape[:3], 0.1, np.float32)
+    sure = Uncertainty(maps, maps, np.array([0.1, 0.2]), np.array([0.0, 0.01]), maps)
+    both = [replace(result, uncertainty=one) for one in (sure, replace(sure, views=2 * maps, other_depth=None))]
+    parts = side_by_side(iter(both), 4)
+    found = merged(parts, ["one", "other"], (), result.seconds).uncertainty
+    assert found.positions.tolist() == [0.1, 0.2] * 2
+    assert found.views[:, 0, 0].tolist() == [maps[0, 0, 0]] * 2 + [2 * maps[0, 0, 0]] * 2
+    assert found.other_depth is None
+    assert all(np.shares_memory(found.depth, part.uncertainty.depth) for part in parts)
+    without = side_by_side(iter([both[0], replace(result, uncertainty=None)]), 4)
+    assert merged(without, ["one", "other"], (), result.seconds).uncertainty is None

@@ -94,7 +94,7 @@ def write_given(path: Path, shot: Shot) -> None:
     """Write the parts of the shot that a page shows: 8-bit pictures of measurement and truth, poses."""
     arrays: dict[str, NDArray[Any] | None] = {
         "measurement": _shown_measurement(shot),
-        "true_views": None if shot.truth.views is None else to_eight_bit(shot.truth.views),
+        "true_views": None if shot.truth.views is None else np.stack([to_eight_bit(one) for one in shot.truth.views]),
         "true_world_to_camera": shot.truth.world_to_camera,
         "stage_world_to_camera": shot.telemetry_world_to_camera,
     }

@@ -143,8 +143,7 @@ def _interpolated(places: F64, pixels: F64) -> F64:
     right, down = (across - across.astype(int)).T[:, :, None]
     above = (1 - right) * places[y, x] + right * places[y, x + 1]
     below = (1 - right) * places[y + 1, x] + right * places[y + 1, x + 1]
-    found: F64 = (1 - down) * above + down * below
-    return found
+    return (1 - down) * above + down * below
 
 
 def _alike(stack: F32, ones: F64, others: F64) -> Bool:

@@ -29,7 +29,7 @@ from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.placing import first_of_all
 from gs2ci.reconstruct.exposures.repeats import decoded_together
-from gs2ci.reconstruct.exposures.resumed import kept_places, observations
+from gs2ci.reconstruct.exposures.resumed import observations
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
 from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of, key_of_run
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
@@ -130,13 +130,14 @@ def reconstruct_together(
             clock = Stopwatch.after({"total": kept.before_s})
         alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
         observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
-        where = places(observed) if kept is None else kept_places(kept, observed)
+        where = places(observed) if kept is None else kept.done("places", partial(places, observed))()
+        placed = where.of(observed)
         said((*where.left_out, *where.notes), progress)
         clock.lap("geometry")
         halt.begin()
-        fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept, tools.backend)
+        fit = _fitted(placed, settings, Monitoring(progress, clock.began_s, halt), kept, tools.backend)
         clock.lap("fit")
-        joint = _handed_over(where, fit, settings, tools.backend, progress, clock, None if halt.asked else kept)
+        joint = _handed_over(placed, where, fit, settings, tools.backend, progress, clock, None if halt.asked else kept)
     notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
@@ -149,11 +150,7 @@ def _fitted(
     backend: Backend,
 ) -> CoarseRun:
     """Fit one scene to all exposures."""
-    by_number = {one.of.number: one for one in placed}
-    start, growth = first_of_all(
-        {number: one.start for number, one in by_number.items()},
-        {number: one.geometry for number, one in by_number.items()},
-    )
+    start, growth = first_of_all([one.at.start for one in placed], [one.at.geometry for one in placed])
     run = CoarseRun(
         [one.to_fit(backend) for one in placed],
         start,
@@ -167,6 +164,7 @@ def _fitted(
 
 
 def _handed_over(
+    placed: Sequence[PlacedExposure],
     where: CommonPlaces,
     fit: CoarseRun,
     settings: Settings,
@@ -176,23 +174,22 @@ def _handed_over(
     kept: Unfinished | None,
 ) -> Joint:
     """Make the views of each exposure that are delivered, and the record of all."""
-    placed, left_out = where.placed, where.left_out
     progress.stage("views", len(placed))
     given = _in_given_unit(placed, fit)
 
     def made() -> Iterator[RunResult]:
         for number, one in enumerate(placed):
-            make = partial(_part, one, fit, number, given[number], settings, backend, clock)
+            make = partial(_part, one, fit, number, given, settings, backend, clock)
             yield make() if kept is None else kept.done(f"part-{number:03}", make, arrays_of(one.of.given))()
             progress.step(number + 1)
 
-    parts = side_by_side(made(), sum(len(one.geometry.world_to_camera) for one in placed))
+    parts = side_by_side(made(), sum(len(one.at.geometry.world_to_camera) for one in placed))
     clock.lap("views")
     names, shots = [one.of.name for one in placed], [one.of.shot for one in placed]
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     together = (finding(Code.EXPOSURES_TOGETHER, exposures=len(parts)),) if len(parts) > 1 else ()
     seconds = {**clock.seconds(), "decode": sum(one.seconds["decode"] for one in parts)}
-    result = merged(parts, names, (*left_out, *where.notes, *together), seconds)
+    result = merged(parts, names, (*where.left_out, *where.notes, *together), seconds)
     result = with_what_each_gave(result, shots)
     if any(part.registered is not None for part in parts):
         # A camera matrix that was estimated is in the record, and belongs to no measurement.
@@ -201,14 +198,14 @@ def _handed_over(
         ]
         result = replace(result, registered=summed(registered, name))
     whole = summed([one.of.given for one in placed], name)
-    return Joint(whole, result, given[0][1].scene, tuple(parts), left_out)
+    return Joint(whole, result, given[0][1].scene, tuple(parts), where.left_out)
 
 
 def _part(
     one: PlacedExposure,
     run: CoarseRun,
     number: int,
-    given: tuple[Geometry, CoarseFit],
+    given: Sequence[tuple[Geometry, CoarseFit]],
     settings: Settings,
     backend: Backend,
     clock: Stopwatch,
@@ -219,7 +216,7 @@ def _part(
         one: The exposure.
         run: The fit of the common scene.
         number: Of the exposure in the fit.
-        given: Its path and the common scene along it, in the unit of the given poses, without views.
+        given: The path of each and the common scene along it, in the unit of the given poses, without views.
         settings: Of the reconstruction.
         backend: Renders.
         clock: Of the whole.
@@ -228,7 +225,7 @@ def _part(
     first, fits = observed.first, observed.fits
     ensemble, renderer = Ensemble(fit, fit.views), one.renderer(observed.fits, backend)
     recovered = hand_over(first, ensemble, fits.refine, fits.settings, ()).in_the_middle(ensemble, renderer)
-    geometry, scaled = given[0], replace(given[1], views=fit.views)
+    geometry, scaled = given[number][0], replace(given[number][1], views=fit.views)
     light = renderer.stopped_light(scaled.scene, scaled.world_to_camera)
     raced = Raced(first, first, geometry, (scaled,), Ensemble(scaled, scaled.views), observed.order, _STILL, ())
     left = Left(
@@ -244,7 +241,10 @@ def _part(
         fits.mask_moments,
     )
     if settings.uncertainty:
-        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light)
+        # The first and the last camera of each stand for it: that all would tell more is worth less than their time.
+        ends = [path.world_to_camera[[0, -1]] for known, path in given if known.pose_errors and known is not geometry]
+        others = np.concatenate(ends) if ends else None
+        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light, others)
         left = replace(left, uncertainty=sure)
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}
@@ -256,24 +256,24 @@ def _in_given_unit(placed: Sequence[PlacedExposure], fit: CoarseRun) -> tuple[tu
 
     With lengths in the unit of the given poses, one for all.
     """
-    before, paths = np.concatenate([one.geometry.world_to_camera for one in placed]), fit.paths()
+    geometries, paths = [one.at.geometry for one in placed], fit.paths()
     best = replace(fit.result(), world_to_camera=np.concatenate(paths))
-    unit = next((one.geometry.unit for one in placed if one.geometry.unit is not None), None)
-    every = replace(placed[0].geometry, world_to_camera=before, unit=unit)
+    unit = next((one.unit for one in geometries if one.unit is not None), None)
+    before = np.concatenate([one.world_to_camera for one in geometries])
+    every = replace(geometries[0], world_to_camera=before, unit=unit)
     whole, ensemble = in_given_unit(every, Ensemble(best, best.views))
     scaled, found, at = replace(ensemble.best, views=best.views[:0]), [], 0
-    for one, path in zip(placed, paths, strict=True):
+    for own, path in zip(geometries, paths, strict=True):
         views = slice(at, at + len(path))
         # Lengths of the first path and its depth are those of the common coordinates, or of the given unit.
-        depth = one.geometry.inverse_depth / (whole.unit or 1.0)
         geometry = replace(
-            one.geometry,
+            own,
             world_to_camera=whole.world_to_camera[views],
-            inverse_depth=depth.astype(np.float32),
-            unit=None if one.geometry.unit is None else whole.unit,
+            inverse_depth=(own.inverse_depth / (whole.unit or 1.0)).astype(np.float32),
+            unit=own.unit and whole.unit,
         )
-        matrix = one.geometry.intrinsics
-        found.append((geometry, replace(scaled, world_to_camera=scaled.world_to_camera[views], intrinsics=matrix)))
+        fitted = scaled.world_to_camera[views]
+        found.append((geometry, replace(scaled, world_to_camera=fitted, intrinsics=own.intrinsics)))
         at = views.stop
     return tuple(found)
 

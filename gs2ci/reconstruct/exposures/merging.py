@@ -7,7 +7,7 @@ exposures (`reconstruct.record`), the sum of the measurements (`core.summed`).
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -18,13 +18,14 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
 from gs2ci.core.run_records import RunResult
-from gs2ci.core.uncertainty import joined
+from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.exposures.without_one import ViewsTogether, without_each
 
 _STACKED: Final = (
     *("views", "scene_views", "decode", "exposed_views"),
     *("depth", "depth_spread", "depth_confidence", "world_to_camera"),
 )
+_ERRORS: Final = tuple(field.name for field in fields(Uncertainty))
 
 
 def side_by_side(parts: Iterable[RunResult], views: int) -> list[RunResult]:
@@ -34,18 +35,22 @@ def side_by_side(parts: Iterable[RunResult], views: int) -> list[RunResult]:
         parts: Of each exposure; their own arrays are copied, and need not be in memory together.
         views: How many there are of all exposures.
     """
-    whole: dict[str, NDArray[Any]] = {}
+    whole: dict[tuple[type, str], NDArray[Any]] = {}
+
+    def placed(record: Any, names: Sequence[str], at: int) -> Any:
+        own = {name: getattr(record, name) for name in names}
+        for name, array in own.items():
+            if array is not None:
+                stack = whole.setdefault((type(record), name), np.empty((views, *array.shape[1:]), array.dtype))
+                own[name] = stack[at : at + len(array)]
+                own[name][:] = array
+        return replace(record, **own)
+
     found, at = [], 0
     for part in parts:
-        end = at + len(part.views)
-        own: dict[str, Any] = {}
-        for name in _STACKED:
-            array = getattr(part, name)
-            if array is not None:
-                whole.setdefault(name, np.empty((views, *array.shape[1:]), array.dtype))[at:end] = array
-                own[name] = whole[name][at:end]
-        found.append(replace(part, **own))
-        at = end
+        sure = part.uncertainty and placed(part.uncertainty, _ERRORS, at)
+        found.append(replace(placed(part, _STACKED, at), uncertainty=sure))
+        at += len(part.views)
     return found
 
 
@@ -62,7 +67,8 @@ def merged(
     """
     if len(parts) == 1:
         return replace(parts[0], notes=(*notes, *parts[0].notes), seconds=dict(seconds)).check()
-    first, sure = parts[0], [one.uncertainty for one in parts]
+    first, sure = parts[0], [one.uncertainty for one in parts if one.uncertainty is not None]
+    errors = {name: _whole([getattr(one, name) for one in sure]) for name in _ERRORS if sure}
     return RunResult(
         **{name: _whole([getattr(one, name) for one in parts]) for name in _STACKED if name != "exposed_views"},
         intrinsics=first.intrinsics,
@@ -81,7 +87,7 @@ def merged(
         ensemble=first.ensemble,
         brightness=_brightness(parts),
         exposed_views=_exposed(parts),
-        uncertainty=None if any(one is None for one in sure) else joined([one for one in sure if one is not None]),
+        uncertainty=Uncertainty(**errors) if len(sure) == len(parts) else None,
         exposures=tuple(_summary(parts, number, name) for number, name in enumerate(names)),
     ).check()
 
@@ -125,8 +131,7 @@ def _about_colours(shot: Shot, summary: ExposureSection) -> F64:
     """Return the information of each view about a colour, [N]: mean square of its mask's light over that of errors."""
     light = np.square(shot.weights.astype(np.float64)) * np.square(shot.masks).mean(axis=(1, 2), dtype=np.float64)
     rms = summary.heldout_rms.of(summary.verdict)
-    found: F64 = light / rms**2 if rms else light
-    return found
+    return light / rms**2 if rms else light
 
 
 def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding, ...]:
@@ -146,8 +151,8 @@ def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding,
 
 def _verdict(parts: Sequence[RunResult]) -> Verdict:
     """Return the verdict that all share, or that their views are combinations."""
-    first, *others = (one.verdict for one in parts)
-    return first if all(one == first for one in others) else "refined"
+    found = {one.verdict for one in parts}
+    return found.pop() if len(found) == 1 else "refined"
 
 
 def _rms(figures: Sequence[float | None]) -> float | None:
@@ -156,19 +161,15 @@ def _rms(figures: Sequence[float | None]) -> float | None:
 
 
 def _brightness(parts: Sequence[RunResult]) -> list[float] | None:
-    if all(one.brightness is None for one in parts):
-        return None
-    return [factor for one in parts for factor in one.brightness or [1.0] * len(one.views)]
+    given = any(one.brightness for one in parts)
+    return [factor for one in parts for factor in one.brightness or [1.0] * len(one.views)] if given else None
 
 
-def _exposed(parts: Sequence[RunResult]) -> NDArray[np.float32] | None:
+def _exposed(parts: Sequence[RunResult]) -> Any:
     given = [one.exposed_views for one in parts]
-    if all(one is None for one in given):
-        return None
-    whole: NDArray[np.float32] | None = _whole(given)
-    if whole is not None:
-        return whole
-    return np.concatenate([one.views if one.exposed_views is None else one.exposed_views for one in parts])
+    if any(one is not None for one in given) and any(one is None for one in given):
+        return np.concatenate([one.views if one.exposed_views is None else one.exposed_views for one in parts])
+    return _whole(given)
 
 
 def _whole(arrays: Sequence[NDArray[Any] | None]) -> Any:

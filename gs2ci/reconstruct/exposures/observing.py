@@ -6,7 +6,6 @@ how exposures come into common coordinates (`placing`).
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -68,8 +67,8 @@ class ObservedExposure:
         views = straightened(observed.first.decoded, observed.fits.lens)
         return Untied(self.name, np.clip(views, 0, 1).astype(np.float32, copy=False), observed.first.geometry)
 
-    def in_common(self, common_from_own: Similarity, geometry: Geometry | None = None) -> "PlacedExposure":
-        """Return it in common coordinates, with its first Gaussians.
+    def in_common(self, common_from_own: Similarity, geometry: Geometry | None = None) -> "Place":
+        """Return where it is in common coordinates, with its first Gaussians.
 
         Args:
             common_from_own: The similarity from its own coordinates.
@@ -79,31 +78,41 @@ class ObservedExposure:
         fits, first = observed.fits, observed.first
         look = first if geometry is None else replace(first, geometry=geometry)
         geometry, start = fits.beginning(look, first.decoded)
-        return PlacedExposure(self, placed(geometry, common_from_own), moved(start, common_from_own))
+        return Place(self.number, placed(geometry, common_from_own), moved(start, common_from_own))
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedExposure:
-    """An exposure in common coordinates.
+class Place:
+    """Where an exposure is in common coordinates.
 
     Args:
-        of: As it was observed.
+        number: Its place among those given.
         geometry: Its path and depth, the camera matrix in pixels of the sensor.
         start: Its first Gaussians.
     """
 
-    of: ObservedExposure
+    number: int
     geometry: Geometry
     start: Gaussians
 
+
+@dataclass(frozen=True, eq=False)
+class PlacedExposure:
+    """An exposure in common coordinates: as it was observed, and where it is."""
+
+    of: ObservedExposure
+    at: Place
+
     def renderer(self, fits: Fits, backend: Backend) -> ShotRenderer:
         """Return a renderer of its measurement, of which `fits` are."""
-        return ShotRenderer(fits.fitted.shot, self.geometry.intrinsics, backend, fits.lens, fits.mask_moments)
+        return ShotRenderer(fits.fitted.shot, self.at.geometry.intrinsics, backend, fits.lens, fits.mask_moments)
 
     def to_fit(self, backend: Backend) -> FittedExposure:
         """Return what a fit is given for it; exposures of a fit share a backend, whose buffers serve one at a time."""
         fits = self.of.observed.fits
-        return FittedExposure(fits.fitted, self.renderer(fits, backend), self.geometry, fits.refine.decode, fits.score)
+        return FittedExposure(
+            fits.fitted, self.renderer(fits, backend), self.at.geometry, fits.refine.decode, fits.score
+        )
 
 
 def held(observed: Observed) -> Callable[[], Observed]:
@@ -111,11 +120,8 @@ def held(observed: Observed) -> Callable[[], Observed]:
     return lambda: observed
 
 
-class Keeping(Protocol):
-    """Keeps observations."""
-
-    def __call__(self, number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
-        """Observe an exposure, unless that is done; return what returns the observation."""
+Keeping = Callable[[int, Shot, Settings, Score | None], Callable[[], Observed]]
+"""Observes an exposure of a number, unless that is done, and keeps the observation; returns what returns it."""
 
 
 def observe_all(

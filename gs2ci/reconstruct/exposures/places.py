@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.exposures.agreement import confirmed, disagreeing
-from gs2ci.reconstruct.exposures.observing import ObservedExposure, PlacedExposure
+from gs2ci.reconstruct.exposures.observing import ObservedExposure, Place, PlacedExposure
 from gs2ci.reconstruct.exposures.placing import by_stage
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Ties, tie
@@ -32,9 +32,14 @@ class CommonPlaces:
         notes: What else there is to say.
     """
 
-    placed: tuple[PlacedExposure, ...]
+    placed: tuple[Place, ...]
     left_out: tuple[Finding, ...] = ()
     notes: tuple[Finding, ...] = ()
+
+    def of(self, observed: Sequence[ObservedExposure]) -> tuple[PlacedExposure, ...]:
+        """Return the placed ones among observed exposures."""
+        by_number = {one.number: one for one in observed}
+        return tuple(PlacedExposure(by_number[one.number], one) for one in self.placed)
 
 
 def places(observed: Sequence[ObservedExposure]) -> CommonPlaces:

@@ -8,7 +8,7 @@ Gaussians of all exposures together. Not here: similarities from matched feature
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -64,23 +64,20 @@ def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int,
     return found
 
 
-def first_of_all(starts: Mapping[int, Gaussians], geometries: Mapping[int, Geometry]) -> tuple[Gaussians, float]:
+def first_of_all(starts: Sequence[Gaussians], geometries: Sequence[Geometry]) -> tuple[Gaussians, float]:
     """Join the first Gaussians of exposures; of each, those that no earlier exposure's reference view shows.
 
     Args:
-        starts: Of each exposure, in common coordinates, by index.
+        starts: Of each exposure, in common coordinates.
         geometries: Likewise.
 
     Returns:
         The Gaussians, and how many times as many there are as in the first exposure alone.
     """
-    parts: list[Gaussians] = []
-    before: list[Geometry] = []
-    for number in sorted(starts):
-        scene = starts[number]
-        new = torch.from_numpy(~_shown(scene.means.double().numpy(), before))
+    parts = []
+    for number, scene in enumerate(starts):
+        new = torch.from_numpy(~_shown(scene.means.double().numpy(), geometries[:number]))
         parts.append(scene.map(partial(_rows, chosen=new)))
-        before.append(geometries[number])
     together = joined(parts)
     return together, len(together) / len(parts[0])
 

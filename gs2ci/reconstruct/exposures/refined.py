@@ -169,8 +169,7 @@ def _map(inverse_depth: F32, pixels: F64, depth: F64) -> F32:
         spread = max(float(np.median(off)) / 0.6745, _EPSILON)
         weight = np.asarray(1 / np.sqrt(1 + (off / (_ROBUST * spread)) ** 2), np.float64)
     far, near = np.percentile(known, _ENDS) * _RANGE
-    found: F32 = (numbers[0] * inverse_depth + numbers[1]).clip(far, near).astype(np.float32)
-    return found
+    return (numbers[0] * inverse_depth + numbers[1]).clip(far, near).astype(np.float32)
 
 
 def _path(geometry: Geometry, views: F32, pixels: F64, points: F64) -> F64:

@@ -100,17 +100,18 @@ def groups(observed: Sequence[ObservedExposure]) -> list[list[ObservedExposure]]
     The weights of the masks of those that are brighter are corrected, so that all groups' views are of one brightness.
     Groups of one are left out.
     """
-    found: list[list[ObservedExposure]] = []
+    # First looks are held, since each is compared with those of all groups: to read it from a disk takes longer.
+    found: list[tuple[FirstLook, list[ObservedExposure]]] = []
     for one in observed:
         other = one.observed.first
-        for group in found:
-            brightness = repeats(group[0].observed.first, other)
+        for first, group in found:
+            brightness = repeats(first, other)
             if brightness is not None:
                 group.append(_relit(one, brightness))
                 break
         else:
-            found.append([one])
-    return [group for group in found if len(group) > 1]
+            found.append((other, [one]))
+    return [group for _, group in found if len(group) > 1]
 
 
 def repeats(first: FirstLook, other: FirstLook) -> float | None:

@@ -1,17 +1,15 @@
-"""Observations and places of exposures that an unfinished run keeps.
+"""Observations of exposures that an unfinished run keeps.
 
 Here: what of them is kept, and how they are made of it again. Not here: the files (`unfinished`), observing
-(`observing`), placing (`places`).
+(`observing`).
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.exposures.observing import Keeping, ObservedExposure, PlacedExposure
-from gs2ci.reconstruct.exposures.places import CommonPlaces, places
+from gs2ci.reconstruct.exposures.observing import Keeping
 from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.observe import KeptObservation, Observed, Tools, observe
@@ -29,16 +27,3 @@ def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Ke
         return lambda: read().observed(shot, settings, progress, score)
 
     return kept
-
-
-def kept_places(unfinished: Unfinished, observed: Sequence[ObservedExposure]) -> CommonPlaces:
-    """Bring exposures into common coordinates, unless that is done; errors as of `places`."""
-
-    def place() -> Any:
-        found = places(observed)
-        placed = tuple((one.of.number, one.geometry, one.start) for one in found.placed)
-        return placed, found.left_out, found.notes
-
-    kept, *said = unfinished.done("places", place)()
-    by_number = {one.number: one for one in observed}
-    return CommonPlaces(tuple(PlacedExposure(by_number[number], *own) for number, *own in kept), *said)

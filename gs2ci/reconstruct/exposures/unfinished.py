@@ -201,8 +201,7 @@ class Unfinished:
 
     def kept(self) -> KeptFit | None:
         """Return the fit that was kept."""
-        found: KeptFit | None = self.load("fit")
-        return found
+        return self.load("fit")
 
     def keep_search(self, search: int, exposure: int, found: KeptSearch) -> None:
         """Keep what a search found in an exposure."""
@@ -210,5 +209,4 @@ class Unfinished:
 
     def kept_search(self, search: int, exposure: int) -> KeptSearch | None:
         """Return what a search found in an exposure."""
-        found: KeptSearch | None = self.load(f"surfaces-{search}-{exposure:03}")
-        return found
+        return self.load(f"surfaces-{search}-{exposure:03}")

@@ -63,8 +63,7 @@ class ViewsTogether:
         pixels = places_of(slopes, self.intrinsics, self.distortion)
         inside = ahead & (pixels >= 0).all(axis=1) & (pixels < (width, height)).all(axis=1)
         column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
-        seen: Bool = inside & (np.abs(self.depth[view, row, column] - there[:, 2]) <= _SAME_SURFACE * there[:, 2])
-        return seen
+        return inside & (np.abs(self.depth[view, row, column] - there[:, 2]) <= _SAME_SURFACE * there[:, 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +85,7 @@ class _Told:
     def depth(self) -> F64:
         """Return the information about depths, [P]."""
         mean_square = np.square(self.first).sum(axis=1) / np.where(self.weight > 0, self.weight, 1.0)
-        found: F64 = np.maximum(self.second - mean_square, 0.0)
-        return found
+        return np.maximum(self.second - mean_square, 0.0)
 
 
 def without_each(views: ViewsTogether) -> tuple[WithoutExposure, ...]:

@@ -7,19 +7,19 @@ displaced pattern, what a decode leaves of it is tracked as a motion, and halves
 (docs/decisions/small-motions.md). Where tracks show no path, or a doubtful one, the motion
 that explains displacements of blocks of the measurement takes their place, if it is expected to err less
 (docs/decisions/small-motions.md). It uses every source available for this shot on this machine: the
-stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement chooses (`evidence`) among
-those that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
-smaller, and a stage's poses that tracks bear out are not replaced. The stage comes first, since blur and noise of the
-picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the parallax is as
-small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m tests.benchmarks
-stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`).
+stage if it reported poses, the tracks, VGGT if the user has added it. The measurement chooses (`evidence`) among those
+that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
+smaller. A stage's poses that tracks bear out stand, and no other source is asked. The stage comes first, since blur and
+noise of the picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the
+parallax is as small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m
+tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeGuard
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors, poses_of_stage
+from gs2ci.reconstruct.geometry.path.telemetry import poses_of_stage
 from gs2ci.reconstruct.geometry.path.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, Source, from_tracks
 from gs2ci.reconstruct.geometry.reversal import turned
@@ -122,31 +122,34 @@ class _Answer:
 
 def auto(request: Request, progress: Progress) -> Geometry:
     """Use all available sources, and let the measurement choose; see `GeometryPrior`."""
-    left_out = request.settings.left_out
-    may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
+    left_out, staged = request.settings.left_out, request.shot.telemetry_world_to_camera is not None
+    may_rest = not staged and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
     still = share_at_rest(request.shot) if may_rest else 0.0
     if still > 0:
         return from_rest(request, progress, finding(Code.CAMERA_AT_REST, share=still))
+    answers = [_asked(request, PathSource.STAGE, progress)] if staged else []
+    stage = answers[0].geometry if staged else None
+    if _is_borne_out(stage) and stage.parallax_px >= request.settings.criteria.parallax_px:
+        # It stands whatever path the tracks would give, which takes longer to find than all else of a draft's look.
+        note = finding(Code.SOURCE_CHOSEN, source=PathSource.STAGE, answers=answers[0].said)
+        return replace(stage, notes=(*said((note,), progress), *stage.notes))
     tracks = _tracks_or_displacements(request, from_tracks(request, progress))
     say_how_found(tracks, progress)
-    names = tuple(_sources(request))
-    if names == (PathSource.TRACKS,) and tracks.verdict != Verdict.UNSUPPORTED:
+    learned = [PathSource.VGGT] if known_model("vggt") is not None else []
+    if not staged and not learned and tracks.verdict != Verdict.UNSUPPORTED:
         return tracks
-    answers = [
-        _judged(request, tracks.source, tracks) if name == PathSource.TRACKS else _asked(request, name, progress)
-        for name in names
-    ]
+    answers += [_judged(request, tracks.source, tracks), *(_asked(request, name, progress) for name in learned)]
     standing = _standing(answers)
     if standing is None and LeftOut.WIDE_MATCHES not in left_out:
         answers.append(_matched(request, tracks))
         standing = _standing(answers)
     chosen = tracks if standing is None else standing
-    if PathSource.STAGE in names and chosen.source == tracks.source:
-        chosen = _in_the_order_of(answers[0].geometry, chosen)
+    if chosen.source == tracks.source:
+        chosen = _in_the_order_of(stage, chosen)
     answered = ", ".join(answer.said for answer in answers)
     notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
-    if PathSource.STAGE in names and standing is not None and standing.source != PathSource.STAGE:
-        refused = answers[0].geometry is None or not answers[0].geometry.has_path
+    if staged and standing is not None and standing.source != PathSource.STAGE:
+        refused = stage is None or not stage.has_path
         lies = refused and _lies_in_its_sign(request)
         notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
     elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
@@ -235,22 +238,15 @@ def _standing(answers: Sequence[_Answer]) -> Geometry | None:
         supported = answer.geometry is not None and answer.geometry.verdict != Verdict.UNSUPPORTED
         if supported and (standing is None or answer.left < _CLEARLY * least):
             standing, least = answer.geometry, answer.left
-        if standing is not None and standing.tracks and _are_borne_out(standing.pose_errors):
+        if _is_borne_out(standing):
             break
     return standing
 
 
-def _are_borne_out(errors: PoseErrors | None) -> bool:
+def _is_borne_out(given: Geometry | None) -> TypeGuard[Geometry]:
+    """Tell whether tracks bear out poses that were given."""
+    errors = None if given is None or not given.tracks else given.pose_errors
     return errors is not None and not errors.contradicted
-
-
-def _sources(request: Request) -> Iterator[str]:
-    """Yield the names of the available sources, the preferred one first."""
-    if request.shot.telemetry_world_to_camera is not None:
-        yield PathSource.STAGE
-    yield PathSource.TRACKS
-    if known_model("vggt") is not None:
-        yield PathSource.VGGT
 
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:

@@ -85,8 +85,8 @@ def test_of_further_exposures_only_gaussians_that_earlier_ones_do_not_show_are_a
         return round_gaussians(places, np.full(3, 0.1), 0.3, np.zeros((3, 3)))
 
     # The picture of the first is half a depth wide to either side: 1 at a depth of 2.
-    geometries = {0: geometry(path()), 3: geometry(path(0.5))}
-    scene, growth = first_of_all({0: start(0.0), 3: start(0.5)}, geometries)
+    geometries = [geometry(path()), geometry(path(0.5))]
+    scene, growth = first_of_all([start(0.0), start(0.5)], geometries)
     assert scene.means[3:, 0].tolist() == pytest.approx([1.4, 1.7])
     assert growth == pytest.approx(5 / 3)
 

@@ -241,11 +241,12 @@ def test_auto_takes_the_tracks_without_a_word_where_nothing_else_is_known(reques
     assert same_path(found, find("tracks", request_for()).world_to_camera, 1e-12)
 
 
-def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_for, scene):
+def test_auto_believes_a_stage_that_tracks_bear_out_and_seeks_no_other_path(request_for, scene, monkeypatch):
+    monkeypatch.setattr(choose, "from_tracks", None)
     found = find("auto", request_for(telemetry_world_to_camera=moved(scene.poses)))
     assert (found.source, len(found.notes)) == ("stage", 1)
     assert found.notes[0].sentence.startswith("Geometry from stage. Residual of each source that was tried: 0.")
-    assert found.notes[0].sentence.endswith(" by the tracks.")
+    assert found.notes[0].sentence.endswith(" by the stage.")
     assert same_path(found, scene.poses, 1e-6)
 
 
@@ -320,7 +321,9 @@ def test_auto_says_where_a_stage_reports_a_motion_of_which_nothing_shows(request
 
 
 def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monkeypatch):
-    """The views that the tracks see are plain; the stage's own geometry is found in the true ones."""
+    """The views that the tracks see are plain; the stage's own geometry is found in the true ones, unconfirmed."""
+    from_stage = choose.from_stage
+    monkeypatch.setattr(choose, "from_stage", lambda *given: replace(from_stage(*given), pose_errors=None))
     request = request_for(telemetry_world_to_camera=scene.poses)
 
     def blind(request, progress):

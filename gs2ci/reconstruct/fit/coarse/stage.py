@@ -198,7 +198,9 @@ class CoarseRun:
         if self._end is None:
             best, code = self._best, Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
             self._stopped = self._stopped or finding(code, iterations=self.iterations, best=best.iteration)
-            self._fit.restore(best)
+            # Views are still rendered; surfaces, which are as large as they, are not needed any more.
+            self._best = replace(best, surfaces=(None,) * len(best.surfaces))
+            self._fit.restore(self._best)
             self._end = CoarseFit(
                 scene=best.scene.map(Tensor.cpu),
                 world_to_camera=np.empty((0, 4, 4)),
