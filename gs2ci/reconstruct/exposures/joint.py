@@ -179,7 +179,7 @@ def _handed_over(
 
     def made() -> Iterator[RunResult]:
         for number, one in enumerate(placed):
-            make = partial(_part, one, fit, number, given[number], settings, backend, clock)
+            make = partial(_part, one, fit, number, given, settings, backend, clock)
             yield make() if kept is None else kept.done(f"part-{number:03}", make, arrays_of(one.of.given))()
             progress.step(number + 1)
 
@@ -205,7 +205,7 @@ def _part(
     one: PlacedExposure,
     run: CoarseRun,
     number: int,
-    given: tuple[Geometry, CoarseFit],
+    given: Sequence[tuple[Geometry, CoarseFit]],
     settings: Settings,
     backend: Backend,
     clock: Stopwatch,
@@ -216,7 +216,7 @@ def _part(
         one: The exposure.
         run: The fit of the common scene.
         number: Of the exposure in the fit.
-        given: Its path and the common scene along it, in the unit of the given poses, without views.
+        given: The path of each and the common scene along it, in the unit of the given poses, without views.
         settings: Of the reconstruction.
         backend: Renders.
         clock: Of the whole.
@@ -225,7 +225,7 @@ def _part(
     first, fits = observed.first, observed.fits
     ensemble, renderer = Ensemble(fit, fit.views), one.renderer(observed.fits, backend)
     recovered = hand_over(first, ensemble, fits.refine, fits.settings, ()).in_the_middle(ensemble, renderer)
-    geometry, scaled = given[0], replace(given[1], views=fit.views)
+    geometry, scaled = given[number][0], replace(given[number][1], views=fit.views)
     light = renderer.stopped_light(scaled.scene, scaled.world_to_camera)
     raced = Raced(first, first, geometry, (scaled,), Ensemble(scaled, scaled.views), observed.order, _STILL, ())
     left = Left(
@@ -241,7 +241,10 @@ def _part(
         fits.mask_moments,
     )
     if settings.uncertainty:
-        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light)
+        # The first and the last camera of each stand for it: that all would tell more is worth less than their time.
+        ends = [path.world_to_camera[[0, -1]] for known, path in given if known.pose_errors and known is not geometry]
+        others = np.concatenate(ends) if ends else None
+        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light, others)
         left = replace(left, uncertainty=sure)
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}

@@ -49,7 +49,9 @@ def doubt_about_lamps(shot: Shot) -> tuple[Finding, ...]:
     """Report a few pixels, hot ones closed, that are brighter than white and hold much of the light."""
     lit = beyond_white(shot)
     share = float(lit.mean())
-    light = float(shot.measurement[lit].sum()) / max(float(np.abs(shot.measurement).sum()), np.finfo(np.float32).tiny)
+    light = float(shot.measurement[lit].sum()) / max(
+        float(np.abs(shot.measurement).sum()), float(np.finfo(np.float32).tiny)
+    )
     if share >= _EXCESS_WORTH_SAYING or light < _LAMP_WORTH_SAYING:
         return ()
     return (finding(Code.LAMP_IN_PICTURE, share=share, light=light),)

@@ -19,7 +19,7 @@ from gs2ci.reconstruct.uncertainty.slopes import slopes
 from gs2ci.render.places import work_place
 
 
-def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: float) -> F32:
+def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: float, others: F64 | None = None) -> F32:
     """Return the standard error of each depth, [N, H, W], in its unit; 0 where there is no depth.
 
     If no stage or file gave the unit of lengths, it is that beyond the scale of the median depth, which no image
@@ -30,6 +30,7 @@ def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: f
         spread: Of the light along the ray, as a share of depth, [N, H, W].
         path_error: Expected error of the path, as a share of its extent.
         turn: In step with the travel, that readings do not see (`unseen_turn`), rad.
+        others: Given poses of further cameras that see the scene, [K, 4, 4].
     """
     depth = seen.depth
     there = depth > 0
@@ -37,13 +38,16 @@ def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: f
         return np.zeros_like(depth)
     device, most = work_place(), factors.most_of_jump
     middle, found = float(np.median(depth[there])), np.zeros_like(depth)
-    moved_by_turn = turn * float(seen.focal_px.mean()) * len(depth) ** 0.5
+    cameras = seen.world_to_camera if others is None else np.concatenate([seen.world_to_camera, others])
+    moved_by_turn = turn * float(seen.focal_px.mean()) * len(cameras) ** 0.5
+    sides = [(float(one.min()), float(one.max())) for one in np.moveaxis(seen.rays, -1, 0)]
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
         own, across, light = (torch.from_numpy(one).to(device) for one in (depth[view], seen.rays, spread[view]))
         own, rays, known_there = own.double(), across.double().unbind(dim=-1), own > 0
         ahead = torch.where(known_there, own, 1)
-        moved = movement(seen.world_to_camera, seen.focal_px, view, (rays[0] * ahead, rays[1] * ahead, ahead))
+        points = (rays[0] * ahead, rays[1] * ahead, ahead)
+        moved = movement(cameras, seen.focal_px, view, points, None if others is None else sides)
         jump = torch.hypot(*slopes(torch.where(known_there, own, torch.nan).log())).nan_to_num(nan=most).clamp(max=most)
         by_path = factors.depth_by_path * path_error * (factors.at_middle + (own / middle - 1).abs())
         # The travel that the turn stands for moves a point as its inverse depth says, the turn as the middle one's. The
@@ -56,7 +60,13 @@ def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: f
     return found
 
 
-def movement(world_to_camera: F64, focal_px: F64, view: int, points: Sequence[Tensor]) -> Tensor:
+def movement(
+    world_to_camera: F64,
+    focal_px: F64,
+    view: int,
+    points: Sequence[Tensor],
+    sides: Sequence[tuple[float, float]] | None = None,
+) -> Tensor:
     """Return how far points move through the views per relative change of their depth, px.
 
     Args:
@@ -64,20 +74,28 @@ def movement(world_to_camera: F64, focal_px: F64, view: int, points: Sequence[Te
         focal_px: Focal lengths, [2].
         view: The view along whose rays they move.
         points: Their three coordinates in the axes of this view, [...] each.
+        sides: Least and largest x and y at z = 1 within a picture; a camera counts for the points within its picture.
+            None: every camera counts for all.
 
     Returns:
         [...]: the root of the sum of squares, over the views, of the change of a point's place beyond the mean change;
         at least so much that no depth errs by more than itself.
     """
     squares, total = torch.zeros_like(points[0]), [torch.zeros_like(points[0]) for _ in focal_px]
+    counted = torch.zeros_like(points[0])
     for motion in world_to_camera @ np.linalg.inv(world_to_camera[view]):
         # How a point moves in each camera's axes as its depth grows by a share, and where it is.
         along = turned(motion, points)
         depth = along[2] + float(motion[2, 3])
         ahead = torch.where(depth > 0, depth, torch.inf)
-        for axis, (focal, offset) in enumerate(zip(focal_px.tolist(), motion[:2, 3].tolist(), strict=True)):
-            place = (along[axis] - (along[axis] + offset) / ahead * along[2]) / ahead * focal
+        at = [(along[axis] + float(motion[axis, 3])) / ahead for axis in (0, 1)]
+        if sides is not None:
+            inside = [(low <= one) & (one <= high) for one, (low, high) in zip(at, sides, strict=True)]
+            ahead = torch.where(inside[0] & inside[1], ahead, torch.inf)
+        counted += ahead.isfinite() if sides is not None else 1
+        for axis, focal in enumerate(focal_px.tolist()):
+            place = (along[axis] - at[axis] * along[2]) / ahead * focal
             total[axis] += place
             squares += place.square()
-    spread = squares - sum(one.square() for one in total) / len(world_to_camera)
+    spread = squares - sum(one.square() for one in total) / counted.clamp(min=1)
     return spread.clamp(min=0).sqrt().clamp(min=factors.place_px)

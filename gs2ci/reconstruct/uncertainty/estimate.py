@@ -53,12 +53,14 @@ class PathKnown:
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
         extent: Of the path, in its unit.
+        others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
     """
 
     reference: int
     expected_error: float | None
     given: tuple[float, float] | None
     extent: float
+    others: F64 | None = None
 
     @property
     def error(self) -> float:
@@ -96,7 +98,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     there = depth[depth > 0]
     middle = float(np.median(there)) if there.size else 1.0
     positions, rotations = errors_of_poses(covariance, of.world_to_camera, middle, turn, given=given)
-    depths = errors_of_depths(seen, of.light.spread.numpy(), path.error, turn)
+    depths = errors_of_depths(seen, of.light.spread.numpy(), path.error, turn, path.others)
     return Uncertainty(views, depths, positions, rotations)
 
 

@@ -5,6 +5,9 @@ Here: which parts of a run are asked. Not here: any standard error (`estimate`).
 
 from dataclasses import replace
 
+import numpy as np
+
+from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import path_extent
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
@@ -24,6 +27,7 @@ def how_sure(
     recovered: Recovered,
     renderer: ShotRenderer,
     light: StoppedLight,
+    others: F64 | None = None,
 ) -> Uncertainty:
     """Return the standard errors of a run's results.
 
@@ -34,25 +38,29 @@ def how_sure(
         recovered: The views to be delivered.
         renderer: Of the exposure.
         light: Where the light of its pixels is stopped.
+        others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
     """
     best = ensemble.best
     delivered = recovered.views if recovered.exposed is None else recovered.exposed
     views = ViewsMade(delivered, ensemble.views, look.decoded, ensemble.disagreement)
     exposed = ExposureFound(look.holdout, renderer, views, best.world_to_camera, light)
     moving = any(fit.scene.motion is not None for fit in (best, *ensemble.others))
-    path = None if moving else _path(geometry, ensemble)
+    path = None if moving else _path(geometry, ensemble, others)
     found = standard_errors(exposed, path)
     if path is not None:
-        others = [(fit.scene, fit.world_to_camera) for fit in ensemble.others]
+        fits = [(fit.scene, fit.world_to_camera) for fit in ensemble.others]
         depth = light.surface().numpy()
-        found = replace(found, other_depth=in_other_order(depth, geometry.reference, renderer, others))
+        found = replace(found, other_depth=in_other_order(depth, geometry.reference, renderer, fits))
     return replace(found, views=look.brightness.shown(found.views[..., None])[..., 0])
 
 
-def _path(geometry: Geometry, ensemble: Ensemble) -> PathKnown | None:
+def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None) -> PathKnown | None:
     """Return what is known of the path; None if there is none, or the camera is known to have been at rest."""
     if not geometry.has_path or geometry.known_at_rest:
         return None
-    errors, unit, extent = geometry.pose_errors, geometry.unit or 1.0, path_extent(ensemble.best.world_to_camera)
+    errors, unit, poses = geometry.pose_errors, geometry.unit or 1.0, ensemble.best.world_to_camera
     given = None if errors is None else (errors.position * unit, errors.rotation)
-    return PathKnown(geometry.reference, geometry.path_error_expected, given, extent)
+    # Paths that nothing gave err together by more than information that adds up says.
+    others = None if given is None else others
+    extent = path_extent(poses if others is None else np.concatenate([poses, others]))
+    return PathKnown(geometry.reference, geometry.path_error_expected, given, extent, others)

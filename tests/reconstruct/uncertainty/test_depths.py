@@ -9,8 +9,8 @@ from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def stated(seen, spread=0.0, path_error=0.0, turn=0.0):
-    return errors_of_depths(seen, np.full_like(seen.depth, spread), path_error, turn)
+def stated(seen, spread=0.0, path_error=0.0, turn=0.0, others=None):
+    return errors_of_depths(seen, np.full_like(seen.depth, spread), path_error, turn, others)
 
 
 def test_there_is_an_error_where_there_is_a_depth_and_none_larger_than_it(seen):
@@ -40,6 +40,16 @@ def test_a_doubtful_path_makes_depths_off_the_middle_one_less_sure(seen):
     sure, doubtful = (stated(seen, path_error=error) / seen.depth for error in (0.0, 0.2))
     grown = np.sqrt(np.maximum(doubtful**2 - sure**2, 0))
     assert (grown > 0.1).all()
+
+
+def test_cameras_of_other_exposures_make_surer_what_they_see_and_nothing_else(seen):
+    beside, away = path(1), path(1)
+    beside[0, 0, 3], away[0, 0, 3] = -0.8, -50.0
+    alone, seen_by_another, seen_by_none = (stated(seen, others=others) for others in (None, beside, away))
+    # At depth 2 the picture of the camera beside lies 14 px to the right.
+    assert (seen_by_another[3, 2:10, 18:30] < 0.5 * alone[3, 2:10, 18:30]).all()
+    assert np.allclose(seen_by_another[3, 2:-2, 6:9], alone[3, 2:-2, 6:9], rtol=0.01)
+    assert np.allclose(seen_by_none[3, 2:-2, 6:-6], alone[3, 2:-2, 6:-6], rtol=0.01)
 
 
 def test_a_turn_in_step_with_the_travel_shifts_all_inverse_depths(seen):
