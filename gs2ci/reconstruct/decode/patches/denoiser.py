@@ -71,8 +71,7 @@ def _denoise(planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], si
         from gs2ci.reconstruct.decode.patches.device_groups import denoise_groups_on_device  # noqa: PLC0415  an extra
 
         return denoise_groups_on_device(planes, corners, sigma, fallback, device)
-    each = zip(planes, fallback, strict=True)
-    return np.stack([denoise_groups(plane, corners, patch, sigma, instead) for plane, instead in each])
+    return denoise_groups(planes, corners, patch, sigma, fallback)
 
 
 def _within_noise(before: F32, views: F32, sigma: float) -> F32:

@@ -9,86 +9,113 @@ the result is bitwise the same for any number of threads. Not here: where simila
 float64 statement is in the tests.
 """
 
+import math
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.kernels import EXACT, f32, f32_3, f32_5, helper, i32_3, i64, in_parts, kernel
+from gs2ci.core.kernels import EXACT, f32, f32_3, f32_4, f32_5, helper, i32_3, i64, in_parts, kernel
 from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows_above, padded
-from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, store, sum_of_lanes, where_ge
+from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, put, store, sum_of_lanes, where_ge
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 # Parts of the groups: enough for the cores of a workstation, as long as their buffers stay within bounds.
 _MOST_PARTS: Final = 16
-_BUFFER_BYTES: Final = 256 * 2**20
+_BUFFER_BYTES: Final = 128 * 2**20
 
 
-def denoise_groups(views: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32) -> F32:
-    """Denoise views by groups of similar patches.
+def denoise_groups(planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32) -> F32:
+    """Denoise the colour planes of views by the same groups of similar patches.
 
     Args:
-        views: [N, H, W] float32.
+        planes: [C, N, H, W] float32.
         corners: View, row and column of the upper left corner of each patch of each group, [G, M, 3] int32.
         patch: Height and width of a patch.
         sigma: Standard deviation of the noise.
-        fallback: Values of pixels without a patch, [N, H, W].
+        fallback: Values of pixels without a patch, [C, N, H, W].
 
     Returns:
-        The mean over all patches that contain a pixel, [N, H, W].
+        The mean over all patches that contain a pixel, [C, N, H, W].
+
+    Where a group has fewer patches than a patch has pixels, its planes are denoised together (`shrink_group`).
     """
-    parts = int(np.clip(_BUFFER_BYTES // (2 * views.nbytes), 2, _MOST_PARTS))
-    # Sum of patches and their number, beside each other.
-    sums = np.zeros((parts, *views.shape, 2), np.float32)
-    in_parts(_shrink_all, parts, views, corners, patch, np.float32(sigma), sums)
-    denoised = np.empty_like(views)
-    in_parts(_average, len(views) * views.shape[1], sums, fallback, denoised)
+    if len(planes) > 1 and corners.shape[1] >= patch[0] * patch[1]:
+        each = (slice(c, c + 1) for c in range(len(planes)))
+        return np.concatenate([denoise_groups(planes[c], corners, patch, sigma, fallback[c]) for c in each])
+    parts = int(np.clip(_BUFFER_BYTES // planes.nbytes, 2, _MOST_PARTS))
+    sums, denoised = np.zeros((parts, *planes.shape), np.float32), np.empty_like(planes)
+    in_parts(_shrink_all, parts, planes, corners, patch, np.float32(sigma), sums)
+    numbers = patches_over(corners, patch, planes.shape[1:])
+    in_parts(_average, planes.shape[1] * planes.shape[2], sums, numbers, fallback, denoised)
     return denoised
 
 
-@kernel(i64, i64, f32_3, i32_3, (i64, i64), f32, f32_5, fastmath=EXACT)
-def _shrink_all(from_part, to_part, views, corners, patch, sigma, sums):
-    """Denoise all groups, and add up their patches by parts of the groups, [parts, N, H, W, 2]."""
-    parts = sums.shape[0]
+def patches_over(corners: NDArray[np.int32], patch: tuple[int, int], shape: tuple[int, ...]) -> F32:
+    """Count the patches that contain each pixel, [N, H, W]."""
+    numbers = np.bincount(np.ravel_multi_index(tuple(corners.reshape(-1, 3).T), shape), minlength=math.prod(shape))
+    last = (patch[1] - 1, patch[0] - 1)
+    each = (
+        cv2.boxFilter(one, -1, patch[::-1], anchor=last, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for one in numbers.reshape(shape).astype(np.float32)
+    )
+    return np.stack([one.reshape(shape[1:]) for one in each])
+
+
+@kernel(i64, i64, f32_4, i32_3, (i64, i64), f32, f32_5, fastmath=EXACT)
+def _shrink_all(from_part, to_part, planes, corners, patch, sigma, sums):
+    """Denoise all groups, and add up their patches by parts of the groups, [parts, C, N, H, W]."""
+    parts, (colours, views, height, width) = sums.shape[0], planes.shape
     groups, members = corners.shape[0], corners.shape[1]
-    size = patch[0] * patch[1]
+    size, in_plane = colours * patch[0] * patch[1], views * height * width
     lying = members < size
     row = padded(min(members, size))
+    step = row if lying else 1
+    given = planes.reshape(-1)
     for part in range(from_part, to_part):
         group, work, lines, mean = workspace(members, size)
+        added = sums[part].reshape(-1)
         for g in range(groups * part // parts, groups * (part + 1) // parts):
             for m in range(members):
-                i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
-                for y in range(patch[0]):
-                    for x in range(patch[1]):
-                        pixel = y * patch[1] + x
-                        at = pixel * row + m if lying else m * row + pixel
-                        group[at] = views[i, top + y, left + x]
-            shrink_group(group, members, size, sigma, work, lines, mean)
+                at, corner = m if lying else m * row, _place(corners, g, m, height, width)
+                for c in range(colours):
+                    for y in range(patch[0]):
+                        for x in range(patch[1]):
+                            put(group, at, get(given, c * in_plane + corner + y * width + x))
+                            at += step
+            shrink_group(group, members, size, members * colours, sigma, work, lines, mean)
             for m in range(members):
-                i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
-                for y in range(patch[0]):
-                    for x in range(patch[1]):
-                        pixel = y * patch[1] + x
-                        at = pixel * row + m if lying else m * row + pixel
-                        sums[part, i, top + y, left + x, 0] += group[at]
-                        sums[part, i, top + y, left + x, 1] += _ONE
+                at, corner = m if lying else m * row, _place(corners, g, m, height, width)
+                for c in range(colours):
+                    for y in range(patch[0]):
+                        for x in range(patch[1]):
+                            pixel = c * in_plane + corner + y * width + x
+                            put(added, pixel, get(added, pixel) + get(group, at))
+                            at += step
 
 
-@kernel(i64, i64, f32_5, f32_3, f32_3, fastmath=EXACT)
-def _average(from_row, to_row, sums, fallback, denoised):
+@helper(fastmath=EXACT)
+def _place(corners: NDArray[np.int32], group: int, member: int, height: int, width: int) -> int:
+    """Return where the first pixel of a patch lies in a plane."""
+    return (corners[group, member, 0] * height + corners[group, member, 1]) * width + corners[group, member, 2]
+
+
+@kernel(i64, i64, f32_5, f32_3, f32_4, f32_4, fastmath=EXACT)
+def _average(from_row, to_row, sums, numbers, fallback, denoised):
     """Divide the sums by the numbers of patches; rows are those of all views."""
     parts = sums.shape[0]
-    _, height, width = denoised.shape
+    colours, _, height, width = denoised.shape
     for task in range(from_row, to_row):
         i, at = task // height, task % height
         for column in range(width):
-            total, number = _ZERO, _ZERO
-            for part in range(parts):
-                total += sums[part, i, at, column, 0]
-                number += sums[part, i, at, column, 1]
-            denoised[i, at, column] = total / number if number > 0 else fallback[i, at, column]
+            number = numbers[i, at, column]
+            for c in range(colours):
+                total = _ZERO
+                for part in range(parts):
+                    total += sums[part, c, i, at, column]
+                denoised[c, i, at, column] = total / number if number > 0 else fallback[c, i, at, column]
 
 
 @helper(fastmath=EXACT)
@@ -109,24 +136,27 @@ def workspace(members: int, size: int) -> tuple[F32, F32, F32, F32]:
 
 
 @helper(fastmath=REORDERED)
-def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, lines: F32, mean: F32) -> None:
+def shrink_group(
+    group: F32, members: int, size: int, spread: int, sigma: float, work: F32, lines: F32, mean: F32
+) -> None:
     """Remove the noise of one group, in place.
 
     Args:
         group: Its M patches of D pixels, as `workspace` says.
         members: M.
         size: D.
+        spread: K, M times the number of colour planes whose pixels a patch has.
         sigma: Standard deviation of its noise, above 0.
         work: For covariance, eigenvectors, projection, and the search.
         lines: For the eigenvectors' search.
         mean: For the mean patch.
 
-    A singular value s of the centred patches becomes max(0, s − √M σ² / s₀), where s₀² = s² − M σ² is its energy
-    without noise (Gu 2014, eq. 6 with its constant at 1); below s² = M σ² it becomes 0.
+    A singular value s of the centred patches becomes max(0, s − √K σ² / s₀), where s₀² = s² − K σ² is its energy
+    without noise (Gu 2014, eq. 6 with its constant at 1); below s² = K σ² it becomes 0.
     """
     covariance, vectors, projection = work[0], work[1], work[2]
     lying, rows, columns = members < size, max(members, size), min(members, size)
-    row, numbers, beyond = lines.shape[1], lines[LINES - 1], np.float32(columns)
+    row, numbers = lines.shape[1], lines[LINES - 1]
     if lying:
         _centre_rows(group, rows, columns, mean, numbers)
     else:
@@ -135,20 +165,45 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
     kept = 0
     # No eigenvalue is above the root of the sum of squares: most groups of smooth places, above all in colours, need no
     # search for any.
-    if _sum_of_squares(covariance, columns * row) > (members * sigma * sigma) ** 2:
-        noise = members * sigma * sigma
+    noise = spread * sigma * sigma
+    if _sum_of_squares(covariance, columns * row) > noise**2:
         found = eigen_rows_above(covariance, vectors, projection, work[3], lines, columns, noise)
-        kept = _weigh(lines[0], vectors, found, members, columns, sigma, projection)
-    restored = lines[1]
-    for r in range(rows):
+        kept = _weigh(lines[0], vectors, found, spread, columns, sigma, projection)
+    _restore(group, rows, columns if kept > 0 else 0, projection, lines, mean, lying)
+
+
+@helper(fastmath=REORDERED)
+def _restore(group: F32, rows: int, columns: int, projection: F32, lines: F32, mean: F32, lying: bool) -> None:
+    """Multiply the group by the projection, if any of its columns count, and add the mean patch."""
+    row, numbers, beyond = lines.shape[1], lines[LINES - 1], np.float32(len(projection) // lines.shape[1])
+    l0, l1, l2, l3 = lines[1], lines[2], lines[3], lines[4]
+    # Four rows at once, whose sums are independent, as in `_multiply`; the lines for the search are free by now.
+    for r in range(0, rows, 4):
+        r1, r2, r3 = min(r + 1, rows - 1), min(r + 2, rows - 1), min(r + 3, rows - 1)
         for b in range(0, row, LANES):
-            total = where_ge(load(numbers, b), beyond, _ZERO, broadcast(mean[r])) if lying else load(mean, b)
-            if kept > 0:
-                for i in range(columns):
-                    total = fused(broadcast(get(group, r * row + i)), load(projection, i * row + b), total)
-            store(restored, b, total)
+            if lying:
+                outside = load(numbers, b)
+                s0 = where_ge(outside, beyond, _ZERO, broadcast(mean[r]))
+                s1 = where_ge(outside, beyond, _ZERO, broadcast(mean[r1]))
+                s2 = where_ge(outside, beyond, _ZERO, broadcast(mean[r2]))
+                s3 = where_ge(outside, beyond, _ZERO, broadcast(mean[r3]))
+            else:
+                s0 = s1 = s2 = s3 = load(mean, b)
+            for i in range(columns):
+                part = load(projection, i * row + b)
+                s0 = fused(broadcast(get(group, r * row + i)), part, s0)
+                s1 = fused(broadcast(get(group, r1 * row + i)), part, s1)
+                s2 = fused(broadcast(get(group, r2 * row + i)), part, s2)
+                s3 = fused(broadcast(get(group, r3 * row + i)), part, s3)
+            store(l0, b, s0)
+            store(l1, b, s1)
+            store(l2, b, s2)
+            store(l3, b, s3)
         for b in range(0, row, LANES):
-            store(group, r * row + b, load(restored, b))
+            store(group, r * row + b, load(l0, b))
+            store(group, r1 * row + b, load(l1, b))
+            store(group, r2 * row + b, load(l2, b))
+            store(group, r3 * row + b, load(l3, b))
 
 
 @helper(fastmath=REORDERED)
@@ -161,11 +216,11 @@ def _sum_of_squares(matrix: F32, size: int) -> float:
 
 
 @helper(fastmath=REORDERED)
-def _weigh(values: F32, vectors: F32, found: int, members: int, size: int, sigma: float, projection: F32) -> int:
+def _weigh(values: F32, vectors: F32, found: int, spread: int, size: int, sigma: float, projection: F32) -> int:
     """Make the matrix that weights the eigenvectors' parts of a patch, and count those with a weight above 0."""
     row = values.shape[0]
-    noise = members * sigma * sigma
-    threshold = np.sqrt(np.float32(members)) * sigma * sigma
+    noise = spread * sigma * sigma
+    threshold = np.sqrt(np.float32(spread)) * sigma * sigma
     for b in range(0, size * row, LANES):
         store(projection, b, broadcast(_ZERO))
     kept = 0

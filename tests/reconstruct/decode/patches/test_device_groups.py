@@ -37,24 +37,25 @@ def groups_of(views, per_group):
     return find_groups(views, Flow.between(views), Lattice(per_group=per_group, step_px=6), 0)
 
 
-# Fewer patches than pixels are denoised by their own covariance on the host.
-@pytest.mark.parametrize("per_group", [64, 32, 12])
-def test_they_are_those_of_the_kernel(per_group):
+# Fewer patches than pixels are denoised by their own covariance on the host, and all planes together.
+@pytest.mark.parametrize("per_group", [64, 36, 35, 32, 12, 1])
+@pytest.mark.parametrize("colours", ["different", "equal", "one alone", "grey"])
+def test_they_are_those_of_the_kernel(per_group, colours):
     views = noisy()
-    groups, none = groups_of(views, per_group), np.zeros_like(views)
-    planes = np.stack([views, 2 * views - 1])
-    found = denoise_groups_on_device(planes, groups, SIGMA, np.stack([none, none]), HOST)
-    for there, plane in zip(found, planes, strict=True):
-        here = denoise_groups(plane, groups, PATCH, SIGMA, none)
-        np.testing.assert_allclose(there, here, atol=1e-4)
-        assert np.abs(here - plane).max() > 100 * 1e-4
+    groups = groups_of(views, per_group)
+    others = {"different": [2 * views - 1, noisy(seed=1)], "equal": [views, views], "one alone": [0 * views, 0 * views]}
+    planes = np.stack([views, *others.get(colours, [])])
+    there = denoise_groups_on_device(planes, groups, SIGMA, 0 * planes, HOST)
+    here = denoise_groups(planes, groups, PATCH, SIGMA, 0 * planes)
+    np.testing.assert_allclose(there, here, atol=1e-4)
+    assert per_group == 1 or np.abs(here - planes).max() > 100 * 1e-4
 
 
 def test_pixels_without_a_patch_take_what_is_given():
     views = noisy()
     groups, instead = groups_of(views, 32)[:2], np.full_like(views, 7)
     found = denoise_groups_on_device(views[None], groups, SIGMA, instead[None], HOST)[0]
-    np.testing.assert_array_equal(found == 7, denoise_groups(views, groups, PATCH, SIGMA, instead) == 7)
+    np.testing.assert_array_equal(found == 7, denoise_groups(views[None], groups, PATCH, SIGMA, instead[None])[0] == 7)
     assert (found == 7).any()
 
 
@@ -68,9 +69,12 @@ def test_flat_groups_and_equal_patches_stay_as_they_are():
 
 def test_bits_are_the_same_in_any_order_of_groups():
     views = noisy()
-    groups, none = groups_of(views, 32), np.zeros_like(views)[None]
-    one, other = (denoise_groups_on_device(views[None], each, SIGMA, none, HOST) for each in (groups, groups[::-1]))
-    np.testing.assert_array_equal(one, other)
+    groups = groups_of(views, 32)
+    for planes in (views[None], np.stack([views, noisy(seed=1)])):
+        one, other = (
+            denoise_groups_on_device(planes, each, SIGMA, 0 * planes, HOST) for each in (groups, groups[::-1])
+        )
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("strange", [np.nan, np.inf])
