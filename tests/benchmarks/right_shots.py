@@ -25,7 +25,6 @@ from skimage.data import astronaut, chelsea, coffee
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.registration.parameters import NAMES
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from tests.stability.benches import WALLS, Bench, aside
@@ -158,7 +157,7 @@ def _coded(
 
 def errors_of(found: Registered) -> dict[str, tuple[float, float]]:
     """Return what each parameter was estimated at, and its standard error, whether it was let in or not."""
-    taken = dict(zip(NAMES, found.misfit.vector().tolist(), strict=True))
+    taken = found.misfit.values()
     return {**found.tried, **{name: (taken[name], error) for name, error in found.errors.items()}}
 
 

@@ -211,7 +211,7 @@ def initialise(
     _check(views, intrinsics)
     progress = progress or Silent()
     progress.stage("geometry", 3)
-    found = _Estimation(views, (settings or GeometrySettings()).check(), seen).run(intrinsics, known_poses, progress)
+    found = _Estimation(views, (settings or GeometrySettings()).check(), seen, known_poses).run(intrinsics, progress)
     progress.step(3)
     said(found.notes, progress)
     return found
@@ -267,10 +267,11 @@ class _Estimation:
         views: As for `initialise`.
         settings: Of every step.
         seen: As for `initialise`.
+        poses: Those that are known, as for `initialise`.
     """
 
-    def __init__(self, views: F32, settings: GeometrySettings, seen: Bool | None) -> None:
-        self.views, self.settings, self.seen = views, settings, seen
+    def __init__(self, views: F32, settings: GeometrySettings, seen: Bool | None, poses: F64 | None = None) -> None:
+        self.views, self.settings, self.seen, self.poses = views, settings, seen, poses
         self.size, self.reference = (views.shape[1], views.shape[2]), len(views) // 2
         self.corners = find_corners(views, self.reference, settings.tracks)
         self.tracks = self.usable(find_tracks(views, self.reference, self.corners, settings.tracks))
@@ -283,25 +284,24 @@ class _Estimation:
         positions[:, ~supported_views(long, self.settings.criteria)] = np.nan
         return Tracks(positions, tracks.reference).seen_by_at_least(2)
 
-    def run(self, intrinsics: F64 | None, known_poses: F64 | None, progress: Progress) -> Geometry:
+    def run(self, intrinsics: F64 | None, progress: Progress) -> Geometry:
         """Do all steps."""
         progress.step(1, tracks=len(self.tracks))
         doubts = doubts_about_tracks(self.tracks, self.size, self.settings.criteria)
         self.flat = flat_geometry(len(self.views), self.size, _known(intrinsics) or self.focal(doubts))
         if doubts:
             return replace(self.flat, notes=(*self.flat.notes, *doubts, PLANE_NOTE))
-        posed = known_poses is not None
-        found = self.found_twice(known_poses, moved=posed)
+        found = self.found_twice(moved=self.poses is not None)
         if found.geometry.verdict in (Verdict.ROTATION_ONLY, Verdict.STATIC):
-            moved = self.found_twice(None, moved=True)
+            moved = self.found_twice(moved=True)
             found = moved if self.halves_agree(moved) else found
         geometry = found.geometry
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
         if not geometry.has_path:
             return geometry
-        geometry = self.doubted(found) if known_poses is None else measured(geometry, known_poses)
+        geometry = self.doubted(found) if self.poses is None else measured(geometry, self.poses)
         geometry = replace(geometry, inverse_depth=self.depth(geometry, found.motion))
-        return self.with_reverse(replace(found, geometry=geometry), posed=posed)
+        return self.with_reverse(replace(found, geometry=geometry))
 
     def focal(self, doubts: tuple[Finding, ...]) -> Focal:
         """Estimate the focal length, if there are no doubts about the tracks."""
@@ -310,17 +310,16 @@ class _Estimation:
             return default_focal(self.size, "too few points could be tracked to estimate it", settings.focal)
         return estimate_focal(self.tracks, self.size, settings.focal, settings.motion)
 
-    def found_twice(self, known_poses: F64 | None, *, moved: bool) -> _Found:
+    def found_twice(self, *, moved: bool) -> _Found:
         """Estimate the camera's motion, and again from new tracks that start where the first estimate predicts them.
 
         Args:
-            known_poses: Poses to use, or None.
             moved: Whether the camera is known to have moved; otherwise the tracks must show it.
         """
-        first = self.found(self.tracks, known_poses, moved=moved)
+        first = self.found(self.tracks, moved=moved)
         if not first.geometry.has_path or LeftOut.TRACKS_SOUGHT_TWICE in self.settings.left_out:
             return first
-        second = self.found(self.second_look(first), known_poses, moved=moved)
+        second = self.found(self.second_look(first), moved=moved)
         return second if second.geometry.has_path else first
 
     def halves_agree(self, found: _Found) -> bool:
@@ -333,10 +332,10 @@ class _Estimation:
             return False
         return halves_agree(self.expected_error(found), criteria)
 
-    def found(self, tracks: Tracks, known_poses: F64 | None, *, moved: bool) -> _Found:
+    def found(self, tracks: Tracks, *, moved: bool) -> _Found:
         """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
-        if known_poses is not None:
-            return self.judged(len(tracks), *self.placed(tracks, known_poses), moved=True, posed=True)
+        if self.poses is not None:
+            return self.judged(len(tracks), *self.placed(tracks, self.poses), moved=True)
         motion, kept = estimate_motion(tracks, self.flat.intrinsics, self.settings.motion)
         first = self.judged(len(tracks), motion, kept, moved=moved)
         if not first.geometry.has_path or LeftOut.ADJUSTMENT_OF_POINTS in self.settings.left_out:
@@ -395,9 +394,7 @@ class _Estimation:
         poses, intrinsics = geometry.world_to_camera, geometry.intrinsics
         return sweep(self.views, poses, intrinsics, self.reference, span, settings)
 
-    def judged(
-        self, candidates: int, motion: CameraMotion, tracks: Tracks, *, moved: bool, posed: bool = False
-    ) -> _Found:
+    def judged(self, candidates: int, motion: CameraMotion, tracks: Tracks, *, moved: bool) -> _Found:
         """Return a geometry with the motion, with its rotations alone, or only with the reason why neither is used.
 
         If the camera is known to have moved, its whole motion is used unless the tracks contradict it, however small
@@ -417,7 +414,7 @@ class _Estimation:
         elif verdict == Verdict.ROTATION_ONLY:
             poses[:, :3, :3] = rotations.rotations
         missing = np.flatnonzero(~tracks.seen.any(0))
-        if len(missing) and (verdict == Verdict.ROTATION_ONLY or (verdict == Verdict.FULL and not posed)):
+        if len(missing) and (verdict == Verdict.ROTATION_ONLY or (verdict == Verdict.FULL and self.poses is None)):
             poses = _with_missing_poses(poses, missing)
             notes = (*notes, finding(Code.POSES_INTERPOLATED, views=missing.tolist()))
         geometry = replace(
@@ -441,13 +438,13 @@ class _Estimation:
         """Return the expected error of a path; see `halves`."""
         return expected_path_error(found.motion, found.tracks, self.flat.intrinsics, self.size, self.settings.motion)
 
-    def with_reverse(self, found: _Found, *, posed: bool) -> Geometry:
+    def with_reverse(self, found: _Found) -> Geometry:
         """Add how sure tracks are of the order of depth and, if they are not, their solution in the reverse order.
 
         Both motions are adjusted in the same way, each from a start near the other's reversal, so that the comparison
         is fair.
         """
-        geometry, how = found.geometry, self.settings.motion
+        geometry, how, posed = found.geometry, self.settings.motion, self.poses is not None
         here = adjust(found.tracks, geometry.intrinsics, how, start=found.motion)
         if posed and self.borne_out(found, here):
             geometry = replace(geometry, pose_errors=errors_of_given(geometry.world_to_camera, geometry.intrinsics))

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, path_extent
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
@@ -121,7 +121,7 @@ def look_far_apart(
 def _is_path(geometry: Geometry, path: F64) -> bool:
     """Tell whether a path, [N, 4, 4], is that of a geometry, as far as it is known."""
     centres = camera_centres(geometry.world_to_camera)
-    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    extent = path_extent(geometry.world_to_camera)
     apart = squared_distance(camera_centres(path), centres) ** 0.5
     one, other = (_turns(poses, geometry.reference) for poses in (geometry.world_to_camera, path))
     turned = float((one * other.inv()).magnitude().max())

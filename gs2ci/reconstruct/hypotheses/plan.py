@@ -75,15 +75,13 @@ class RacePlan:
         """Return it as a table in plain text."""
         rows = [("registration, decode, geometry, order of depth", self.spent_s, "before anything is fitted", True)]
         rows += [(step.what, step.seconds, step.why, step.certain) for step in self.steps]
-        lines = [
-            f"{'' if certain else 'if: '}{what:<{_WIDTH if certain else _WIDTH - 4}} {seconds:7.1f} s  {why}"
-            for what, seconds, why, certain in rows
-        ]
         total = f"about {spoken_duration(self.seconds)}; at most {spoken_duration(self.most_s)}"
-        return "\n".join((*lines, f"{'in all':<{_WIDTH}} {self.seconds:7.1f} s  {total}"))
-
-
-_WIDTH: Final = 56
+        rows.append(("in all", self.seconds, total, True))
+        named = [what if certain else f"if: {what}" for what, *_, certain in rows]
+        wide = max(map(len, named))
+        return "\n".join(
+            f"{name:<{wide}} {seconds:7.1f} s  {why}" for name, (_, seconds, why, _) in zip(named, rows, strict=True)
+        )
 
 
 def planned(fits: Fits, first: FirstLook, order: OrderFound) -> RacePlan:

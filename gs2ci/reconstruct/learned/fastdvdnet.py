@@ -22,8 +22,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.learned.onnx_models import write_traced
 from gs2ci.reconstruct.learned.weight_file import Convolution, folded, read_state
 
-FRAMES: Final = 5
 _AT_ONCE: Final = 3
+FRAMES: Final = 2 * _AT_ONCE - 1
 # The authors' names of the stages of a U-Net, in their order.
 _STAGES: Final = ("inc", "downc0", "downc1", "upc2", "upc1", "outc")
 _NAME: Final = re.compile(r"(temp[12])\.(\w+?)\.(.*\.)(weight|bias|running_mean|running_var)$")

@@ -40,6 +40,11 @@ def doubts_about(shot: Shot) -> tuple[Finding, ...]:
     return (*_doubts_about_light(shot), *_doubts_about_masks(shot))
 
 
+def clipped_share(shot: Shot) -> float:
+    """Return the share of pixels that are marked as clipped."""
+    return 0.0 if shot.saturated is None else float(shot.saturated.mean())
+
+
 def doubt_about_lamps(shot: Shot) -> tuple[Finding, ...]:
     """Report a few pixels, hot ones closed, that are brighter than white and hold much of the light."""
     lit = beyond_white(shot)
@@ -58,7 +63,7 @@ def _doubts_about_light(shot: Shot) -> list[Finding]:
     if lowest == highest:
         reading = "zero" if highest == 0 else f"{highest:.4g}"
         doubts.append(finding(Code.EMPTY_MEASUREMENT, reading=reading))
-    clipped = 0.0 if shot.saturated is None else float(shot.saturated.mean())
+    clipped = clipped_share(shot)
     if clipped >= SATURATION_WORTH_SAYING:
         doubts.append(finding(Code.SATURATED, share=clipped))
     return [*doubts, *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]

@@ -15,13 +15,11 @@ from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.paper.preset import MOST_GAUSSIANS
 from gs2ci.reconstruct.settings import Settings
 
-
-def _without_points(settings: Settings) -> Settings:
-    return replace(settings, withheld=replace(settings.withheld or Withheld(), points=True))
+_Without = Callable[[Settings], Settings]
 
 
-def _without_poses(settings: Settings) -> Settings:
-    return replace(settings, withheld=replace(settings.withheld or Withheld(), poses=True))
+def _withheld(what: str) -> _Without:
+    return lambda settings: replace(settings, withheld=replace(settings.withheld or Withheld(), **{what: True}))
 
 
 def _without_opacity_split(settings: Settings) -> Settings:
@@ -37,27 +35,26 @@ def _unsplit(density: DensityRule) -> DensityRule:
     return replace(density, opacity_splits=False)
 
 
-def _without_opacity_regulation(settings: Settings) -> Settings:
-    return replace(settings, fit=replace(settings.fit, loss=replace(settings.fit.loss, opacity=0.0)))
-
-
 def _without_count_cap(settings: Settings) -> Settings:
     # The paper's own runs without the cap ran out of memory; here the memory guard ends them with an error.
     most = settings.fit.most_gaussians or MOST_GAUSSIANS
     return replace(settings, fit=replace(settings.fit, cap_from=None, gaussians_per_pixel=None, most_gaussians=most))
 
 
-def _without_pose_refinement(settings: Settings) -> Settings:
-    return replace(settings, fit=replace(settings.fit, poses=replace(settings.fit.poses, refine=False)))
+def _of_fit(part: str, field: str, off: float) -> _Without:
+    """Set a field of a part of the fit's settings."""
+    return lambda settings: replace(
+        settings, fit=replace(settings.fit, **{part: replace(getattr(settings.fit, part), **{field: off})})
+    )
 
 
-COMPONENTS: Final[dict[str, Callable[[Settings], Settings]]] = {
-    "points": _without_points,
-    "poses": _without_poses,
+COMPONENTS: Final[dict[str, _Without]] = {
+    "points": _withheld("points"),
+    "poses": _withheld("poses"),
     "opacity-split": _without_opacity_split,
-    "opacity-regulation": _without_opacity_regulation,
+    "opacity-regulation": _of_fit("loss", "opacity", 0.0),
     "count-cap": _without_count_cap,
-    "pose-refinement": _without_pose_refinement,
+    "pose-refinement": _of_fit("poses", "refine", False),
 }
 """By component, in the order of the paper's table: the function that returns settings without it."""
 

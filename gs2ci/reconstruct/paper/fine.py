@@ -339,16 +339,6 @@ class _Fit:
             value += float(loss.detach())
         return value + float(add_regularisers(scene, self._loss))
 
-    def is_finite(self, loss: float) -> bool:
-        """Tell whether the loss and all gradients are finite, so that a step may be made."""
-        return np.isfinite(loss) and self.optimiser.gradient_is_finite()
-
-    def step(self, share: float, damping: float) -> None:
-        """Step the Gaussians by their gradients; those beyond the borders of all views stay as they are."""
-        if self._outside is not None:
-            self.optimiser.hold(self._outside)
-        self.optimiser.step(share, damping)
-
     def coded(self) -> F32:
         """Render the measurement as the scene predicts it, [H, W, C]."""
         return self._renderer.measurement(self.optimiser.scene, self.poses).numpy()
@@ -379,11 +369,13 @@ class _Fit:
         progress.stage("fine fit", settings.iterations)
         for iteration in range(1, settings.iterations + 1):
             loss = self.backward()
-            if not self.is_finite(loss):
+            if not (np.isfinite(loss) and self.optimiser.gradient_is_finite()):
                 break
             # Steps grow from small to full: Adam's first ones would be of full size whatever the gradient.
             warm = min(1.0, iteration / settings.hold_out.look_every)
-            self.step(iteration / settings.iterations, settings.damping * warm)
+            if self._outside is not None:  # those beyond the borders of all views stay as they are
+                self.optimiser.hold(self._outside)
+            self.optimiser.step(iteration / settings.iterations, settings.damping * warm)
             halted = monitoring.halt.asked
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
                 residual = look(iteration, loss)

@@ -3,6 +3,7 @@
 Here: the crop and the short decodes. Not here: the proposed corrections (`proposals`, `sharpen`), the choice (`ways`).
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -34,50 +35,46 @@ Corner = tuple[bool, bool]
 """Which corner of a picture: whether the lower, and whether the right one."""
 
 
-class Trial:
-    """A crop of a measurement, decoded in few steps.
+def squares_of(
+    shot: Shot,
+    candidates: Sequence[Shot],
+    scale: float,
+    seed: int,
+    at: Corner | None = None,
+    but: Bool | None = None,
+) -> F64:
+    """Decode a crop of each candidate in few steps, and return the squared residuals at pixels that it did not see.
 
     Args:
-        shot: Its masks and readings as stated.
+        shot: Its masks and readings as stated, of which pixels are held out.
+        candidates: The same with other masks and readings.
         scale: Divisor of the readings that brings the scene's levels to about a view's full scale.
         seed: Of the held-out pixels.
         at: The corner that is cropped; None crops the middle.
         but: Pixels that must not judge, [H, W]; None: all may.
+
+    Returns:
+        For each candidate, [D, K]; the few largest count no more than the others. K is 0 if no pixel is held out.
     """
-
-    def __init__(self, shot: Shot, scale: float, seed: int, at: Corner | None = None, but: Bool | None = None) -> None:
-        self._scale = scale
-        self._at = at
-        if but is not None:
-            shot = replace(shot, saturated=but if shot.saturated is None else shot.saturated | but)
-        part = _crop(shot, at)
-        decodes = int(np.clip(np.ceil(_JUDGES / (_HELDOUT * part.masks[0].size)), 1, _MOST_DECODES))
-        self._heldout = Holdout.of(part, decodes * _HELDOUT, seed).pixels
-        self._turn = np.full(part.size, -1)
-        self._turn[self._heldout] = np.arange(self._heldout.sum()) % decodes
-
-    @property
-    def can_tell(self) -> bool:
-        """Get whether any pixel is held out."""
-        return bool(self._heldout.any())
-
-    def squares(self, shot: Shot) -> F64:
-        """Return squared residuals, [K], of a measurement's decodes at pixels that they did not see."""
-        part, left = _scaled_crop(shot, self._scale, self._at), np.zeros(self._turn.shape)
-        for turn in range(int(self._turn.max()) + 1):
-            holdout = Holdout(part, self._turn == turn)
+    if but is not None:
+        shot = replace(shot, saturated=but if shot.saturated is None else shot.saturated | but)
+    part = _crop(shot, at)
+    decodes = int(np.clip(np.ceil(_JUDGES / (_HELDOUT * part.masks[0].size)), 1, _MOST_DECODES))
+    heldout = Holdout.of(part, decodes * _HELDOUT, seed).pixels
+    turn = np.full(part.size, -1)
+    turn[heldout] = np.arange(heldout.sum()) % decodes
+    squares = np.zeros((len(candidates), *part.size))
+    for left, candidate in zip(squares, candidates, strict=True):
+        crop = _scaled_crop(candidate, scale, at)
+        for number in range(int(turn.max()) + 1):
+            holdout = Holdout(crop, turn == number)
             left[holdout.pixels] = holdout.squared_residuals(_decoded(holdout.seen))
-        squares: F64 = left[self._heldout]
-        return squares
-
-
-def counted(squares: F64) -> F64:
-    """Return squared residuals of several decodes, [D, K], of which the few largest count no more than the others."""
-    return np.minimum(squares, np.quantile(squares, _COUNTED))
+    unseen = squares[:, heldout]
+    return np.minimum(unseen, np.quantile(unseen, _COUNTED)) if unseen.size else unseen
 
 
 def brief_views(shot: Shot, scale: float) -> F32:
-    """Decode the middle of a measurement in few steps, [N, h, w, C]; readings are scaled as in a `Trial`."""
+    """Decode the middle of a measurement in few steps, [N, h, w, C]; readings are divided by the scale."""
     return _decoded(_scaled_crop(shot, scale))
 
 

@@ -35,7 +35,6 @@ _TILE_ELEMENTS: Final = 48
 _MOST_TILES: Final = 9
 # Tolerance of tiles: their peaks are in whole pixels, and a rotation smears them.
 _AGREEMENT_PX: Final = 1.5
-_MARGIN_PX: Final = 128
 # A sum of masks that varies by less has no usable pattern.
 _LEAST_PATTERN: Final = 1e-3
 
@@ -174,7 +173,7 @@ def find_tiles(
     element: float,
     elements: int = _TILE_ELEMENTS,
 ) -> list[Tile]:
-    """Find the displacement of every tile about an expected one; none if that is too large.
+    """Find the displacement of every tile about an expected one.
 
     Args:
         seen: From the measurement, high-passed, [H, W].
@@ -185,11 +184,9 @@ def find_tiles(
         elements: How many of them a tile is wide.
     """
     side = elements * max(1, round(element))
-    margin = side + 2 * reach + _MARGIN_PX
-    padded, about = np.pad(known, margin), np.rint(shift).astype(int)
-    if np.abs(about).max() > _MARGIN_PX:
-        return []
-    found = []
+    about = np.rint(shift).astype(int)
+    margin = side + 2 * reach + int(np.abs(about).max())
+    padded, found = np.pad(known, margin), []
     for top in _starts(seen.shape[0], side):
         for left in _starts(seen.shape[1], side):
             piece = seen[top : top + side, left : left + side]

@@ -25,9 +25,9 @@ _TAKEN_FOR: Final = 0.9
 _COUNTS: Final = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
 _POWERS: Final = tuple(10.0**k for k in range(-12, 13) if k)
 
-_OPEN_NEAR: Final = 0.98
-_OPEN_SHARE: Final = 0.5
+# An element that passes this share of what the most open one does is fully open, too; so is one that passes as much.
 _OPEN_FULLY: Final = 0.97
+_OPEN_SHARE: Final = 0.5
 
 _LEAST_CLIPPED: Final = 1e-3
 _FEWEST_CLIPPED: Final = 16
@@ -79,7 +79,7 @@ def open_level(masks: F32) -> float:
     if top <= 0 or top >= _OPEN_FULLY:
         return 1.0
     opened = masks > 0.5 * top
-    near = float(np.mean(masks[opened] >= _OPEN_NEAR * top))
+    near = float(np.mean(masks[opened] >= _OPEN_FULLY * top))
     return top if near >= _OPEN_SHARE else 1.0
 
 

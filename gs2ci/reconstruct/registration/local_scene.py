@@ -17,9 +17,8 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
-# Standard deviation of the windows, in mask elements, and at least so many pixels.
+# Standard deviation of the windows, in mask elements.
 _WINDOW_ELEMENTS: Final = 1.5
-_LEAST_WINDOW_PX: Final = 1.5
 # A prediction counts if the weight of a pixel's neighbours is at least this share of the pixel's own weight.
 _LEAST_NEIGHBOURS: Final = 0.5
 TINY: Final = 1e-12
@@ -46,10 +45,10 @@ class Seen:
 
     @classmethod
     def of(cls, shot: Shot, element_px: float = 1.0) -> Self:
-        """Take the readings that are not clipped, of masks with elements of this width."""
+        """Take the readings that are not clipped, of masks with elements of this width, at least a pixel."""
         counted: Bool = np.ones(shot.size, bool) if shot.saturated is None else ~shot.saturated
         image = shot.measurement.mean(axis=2, dtype=np.float64)
-        window_px = max(_LEAST_WINDOW_PX, _WINDOW_ELEMENTS * element_px)
+        window_px = _WINDOW_ELEMENTS * element_px
         if shot.cfa is None:
             return cls(image[None], counted[None].astype(np.float64), window_px)
         channels = cfa_channels(shot.cfa, shot.size).numpy()

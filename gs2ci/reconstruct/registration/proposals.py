@@ -16,6 +16,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import white_reading
+from gs2ci.reconstruct.measurement.doubts import SATURATION_WORTH_SAYING, clipped_share
 from gs2ci.reconstruct.registration.bent import bent_growth
 from gs2ci.reconstruct.registration.coarse import (
     Peak,
@@ -46,9 +47,6 @@ from gs2ci.reconstruct.registration.widening import MaskSum
 
 # The displacements of tiles are used if they deviate this far from a common shift.
 _UNEVEN_PX: Final = 0.7
-# Above this share of clipped readings, which bias blur, leak and black level if they are left out, these are not
-# estimated. Positions are not affected.
-_MOST_CLIPPED: Final = 0.01
 # Tiles for a field are smaller than those for a turn, since a field smears them more.
 _TILE_ELEMENTS: Final = 32
 _TILE_REACH: Final = 8
@@ -84,7 +82,8 @@ def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitE
         return [], []
     problem = _problem(shot, element)
     let_in = partial(_let_in, problem)
-    tells_light = _clipped_share(shot) < _MOST_CLIPPED and bent_growth(shot) is None
+    # Clipped readings bias blur, leak and black level if they are left out; positions are not affected.
+    tells_light = clipped_share(shot) < SATURATION_WORTH_SAYING and bent_growth(shot) is None
     estimate = refine(problem, start, (*AFFINE, *LIGHT) if tells_light else AFFINE)
     asked, found = [estimate], settled(problem, estimate, let_in) or MisfitEstimate(Misfit(), {})
     more: list[MisfitEstimate] = []
@@ -221,10 +220,6 @@ def _problem(shot: Shot, element: float, *, whole: bool = False) -> Problem:
     )
     unit = float(np.mean(np.abs(part.planes)))
     return Problem(part, MaskSum(shot.masks, shot.weights, (rows, columns)), max(unit, 1e-300))
-
-
-def _clipped_share(shot: Shot) -> float:
-    return 0.0 if shot.saturated is None else float(shot.saturated.mean())
 
 
 def _let_in(problem: Problem, estimate: MisfitEstimate) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import element_px
 from gs2ci.reconstruct.registration.local_scene import Seen, blurred
@@ -85,8 +86,7 @@ def _squares(shot: Shot, masks: F64, pixels: Bool) -> F64:
 
 def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:
     """Average readings over the valid pixels of the band around each pixel that have the same colour."""
-    total = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
-    seen = Seen.of(shot, element_px(total))
+    seen = Seen.of(shot, element_px(white_reading(shot)))
     deepest = float(distance_transform_edt(np.pad(pixels, 1, constant_values=True)).max())
     sigma = _AVERAGED_ELEMENTS * seen.window_px * (2 if deepest <= _NARROW_PX else 1)
     measured = shot.measurement.astype(np.float64).copy()

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial.distance import pdist, squareform
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32
 from gs2ci.core.ranks import ranks
 
 # Four views have six distances: of unrelated ones the best start follows in one case of six, and no threshold helps.
@@ -64,7 +65,8 @@ def find_beginning(views: F32) -> Beginning | None:
     count = len(views)
     if count < LEAST_VIEWS or not np.isfinite(views).all():
         return None
-    distances = _squared_distances(views)
+    flat = views.reshape(count, -1).astype(np.float64)
+    distances = squareform(pdist(flat - flat.mean(axis=1, keepdims=True), "sqeuclidean"))
     one, other = np.triu_indices(count, 1)
     if np.ptp(distances[one, other]) == 0:
         return None
@@ -75,13 +77,3 @@ def find_beginning(views: F32) -> Beginning | None:
         found.append(float(np.corrcoef(ranks(distances[order[one], order[other]]), apart)[0, 1]))
     best = int(np.argmax(found))
     return Beginning(best, count, found[best], found[0])
-
-
-def _squared_distances(views: F32) -> F64:
-    """Return the squared distance of every view from every other, [N, N], without their mean levels."""
-    flat = views.reshape(len(views), -1).astype(np.float64)
-    flat -= flat.mean(axis=1, keepdims=True)
-    products = flat @ flat.T
-    own = np.diag(products)
-    distances: F64 = own[:, None] + own[None, :] - 2 * products
-    return distances

@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import surely_larger
-from gs2ci.reconstruct.registration.admission import Corner, Trial, counted, level_of
+from gs2ci.reconstruct.registration.admission import Corner, level_of, squares_of
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -86,11 +86,10 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     bent = max((way.misfit for way in ways), key=lambda one: bent_px(one, shot.size))
     # Readings may have been averaged where a mask is not known, and averages predict each other.
     unknown = np.any([way.rim.unknown for way in (*ways, *(() if rival is None else (rival,)))], axis=0)
-    trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size), unknown)
-    if not trial.can_tell:
-        return rival
     shots = [shot if rival is None else rival.shot, *(way.shot for way in ways)]
-    before, *squares = counted(np.stack([trial.squares(one) for one in shots]))
+    before, *squares = squares_of(shot, shots, level_of(ways[0].shot), seed, _most_bent(bent, shot.size), unknown)
+    if not before.size:
+        return rival
     best = int(np.argmin([float(one.mean()) for one in squares]))
     return ways[best] if surely_larger(before, squares[best]) else rival
 

@@ -1,4 +1,4 @@
-"""The inner loops of a plane sweep on a device: the arithmetic of `kernels.matching_cost` and `best_plane`.
+"""The inner loops of a plane sweep on a device: the arithmetic of `kernels.matching_cost` and `smoothed`.
 
 The comparison is torch's, many planes at once; the paths of the smoothing are Warp's, one launch for each of the four
 directions. Sums have an order of their own, so that costs agree to rounding. Never run on a GPU so far. Here: these
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.geometry.depth.kernels import LEAST_BEND, LEAST_DEPTH, TRUNCATED_AT, UNSEEN_COST
+from gs2ci.reconstruct.geometry.depth.kernels import LEAST_DEPTH, TRUNCATED_AT, UNSEEN_COST, best_plane
 
 AT_ONCE: Final = 16_000_000
 """Numbers that are looked up at once: 64 MB in each of some eight tensors."""
@@ -30,7 +30,7 @@ def best_planes_on_device(features: F32, homographies: F64, best: int, window: i
     there, through = torch.from_numpy(features).to(device), torch.from_numpy(homographies).to(device)
     some = max(1, AT_ONCE // there[1:].numel())
     costs = [_matching_cost(there[0], there[1:], planes, best, window) for planes in torch.split(through, some)]
-    index: F32 = _best_plane(torch.cat(costs).permute(1, 2, 0).contiguous()).cpu().numpy()
+    index: F32 = best_plane(_paths(torch.cat(costs).permute(1, 2, 0).contiguous())).cpu().numpy()
     return index
 
 
@@ -57,16 +57,6 @@ def _matching_cost(reference: Tensor, views: Tensor, homographies: Tensor, best:
     apart = torch.where(lost, UNSEEN_COST, apart)
     means = torch.nn.functional.avg_pool2d(apart, window, stride=1, padding=window // 2, count_include_pad=False)
     return means.sort(dim=1).values[:, :best].mean(dim=1)
-
-
-def _best_plane(cost: Tensor) -> Tensor:
-    """Smooth the cost, [H, W, D], along both directions of rows and columns; the plane of least sum, [H, W]."""
-    total = _paths(cost)
-    planes = cost.shape[2]
-    place = total.argmin(dim=2, keepdim=True).clamp(1, planes - 2)
-    before, here, after = (total.gather(2, place + shift)[..., 0] for shift in (-1, 0, 1))
-    bend = (before - 2 * here + after).clamp(min=float(LEAST_BEND))
-    return place[..., 0] + ((before - after) / (2 * bend)).clamp(-0.5, 0.5)
 
 
 def _paths(cost: Tensor) -> Tensor:

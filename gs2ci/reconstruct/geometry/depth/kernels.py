@@ -6,6 +6,8 @@ any number of threads. The readable statement of the same steps, in numpy float6
 """
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64, I32
 from gs2ci.core.kernels import EXACT, f32_1, f32_3, f64_4, helper, i64, in_parts, kernel
@@ -26,8 +28,6 @@ _STRIP = 32
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 LEAST_DEPTH = np.float32(1e-3)
 _FAR = np.float32(1e9)
-# Below the rounding of path costs of order 1: it decides nothing but a division by 0.
-LEAST_BEND = np.float32(1e-9)
 
 
 @helper(fastmath=frozenset({"contract", "nsz"}))
@@ -238,17 +238,17 @@ def _walk_lines(from_task, to_task, cost, lines, length, planes, apart, step, to
                     _walk(cost[at : at + planes], path[i % 2], path[(i + 1) % 2], total[at : at + planes])
 
 
-def best_plane(total: F32) -> F32:
+def best_plane(total: Tensor) -> Tensor:
     """Find the first plane of least cost of each pixel, to a fraction of a step by a parabola through its neighbours.
 
     Args:
-        total: Path costs, [H, W, D], D >= 3.
+        total: Path costs, [H, W, D], D >= 3, on any device.
 
     Returns:
-        Plane index with its fraction, [H, W].
+        Plane index with its fraction, [H, W] float32.
     """
-    place = total.argmin(axis=2).clip(1, total.shape[2] - 2)
-    before, here, after = (np.take_along_axis(total, place[..., None] + k, axis=2)[..., 0] for k in (-1, 0, 1))
+    place = total.argmin(dim=2, keepdim=True).clamp(1, total.shape[2] - 2)
+    before, here, after = (total.gather(2, place + k)[..., 0] for k in (-1, 0, 1))
     # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
-    bend = np.maximum(before - 2 * here.astype(np.float64) + after, LEAST_BEND)
-    return np.asarray(place + ((before - after) / (2 * bend)).clip(-0.5, 0.5), np.float32)
+    bend = (before - 2 * here.double() + after).clamp(min=torch.finfo(torch.float32).tiny)
+    return (place[..., 0] + ((before - after) / (2 * bend)).clamp(-0.5, 0.5)).float()

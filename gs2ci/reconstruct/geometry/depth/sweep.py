@@ -10,6 +10,7 @@ from typing import Annotated
 
 import cv2
 import numpy as np
+import torch
 from pydantic import AfterValidator, Field
 
 from gs2ci.core.arrays import F32, F64
@@ -81,35 +82,19 @@ def sweep(
     """
     height, width = views.shape[1:3]
     # Penalties are in full scales.
-    small = brightened(reduced(views, settings.most_pixels))
+    small = brightened(_reduced(views, settings.most_pixels))
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
     others = [i for i in range(len(views)) if i != reference]
-    features = features_of([small[i] for i in (reference, *others)], settings.blur_px)
-    inverse_depth = sweep_features(features, world_to_camera[others], scale[:, None] * intrinsics, span, settings)
-    if small.shape != views.shape:
-        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
-    return inverse_depth
-
-
-def sweep_features(
-    features: F32, world_to_camera: F64, intrinsics: F64, span: tuple[float, float], settings: SweepSettings
-) -> F32:
-    """Do so with views that are described already, [N, H, W, 8], the reference view first.
-
-    Args:
-        features: Of views of the size that is swept (`features_of`).
-        world_to_camera: Poses of the others, [N - 1, 4, 4].
-        intrinsics: As for `sweep`, for views of that size.
-        span: As for `sweep`.
-        settings: As for `sweep`.
-    """
-    homographies = plane_homographies(world_to_camera, intrinsics, np.linspace(*span, settings.planes))
-    others = len(world_to_camera)
+    features = _features_of([small[i] for i in (reference, *others)], settings.blur_px)
+    inverse_depths = np.linspace(*span, settings.planes)
+    homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
     # A place is assumed to be seen in two thirds of the other views.
-    best = max(min(_LEAST_VIEWS_KEPT, others), others * 2 // 3)
+    best = max(min(_LEAST_VIEWS_KEPT, len(others)), len(others) * 2 // 3)
     index = _best_planes(features, homographies, best, settings.window_px)
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
+    if small.shape != views.shape:
+        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
 
 
@@ -118,10 +103,11 @@ def _best_planes(features: F32, homographies: F64, best: int, window: int) -> F3
     device = working_device()
     if device is not None:
         return best_planes_on_device(features, homographies, best, window, device)
-    return best_plane(smoothed(matching_cost(features[0], features[1:], homographies, best, window)))
+    cost = matching_cost(features[0], features[1:], homographies, best, window)
+    return best_plane(torch.from_numpy(smoothed(cost))).numpy()
 
 
-def reduced(views: F32, most_pixels: int) -> F32:
+def _reduced(views: F32, most_pixels: int) -> F32:
     """Reduce views to at most so many pixels, or enlarge them to the least size that the sweep needs."""
     height, width = views.shape[1:3]
     shrink = min(1.0, (most_pixels / (height * width)) ** 0.5)
@@ -132,7 +118,7 @@ def reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
+def _features_of(views: Sequence[F32], blur_px: float) -> F32:
     """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [N, H, W, 8].
 
     Args:

@@ -18,7 +18,6 @@ from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
 # A track with a larger error is wrong, not just inaccurate (the original's filter before its adjustment).
 OUTLIER_PX: Final = 8.0
-_CAMERA: Final = 1
 # Sums over several threads differ in their last digits from run to run. An adjustment ends when its error falls by less
 # than this share: in ten adjustments, two to three times as many iterations moved the path by at most 1e-4 of its
 # extent; noise moves it by 4e-3 and more.
@@ -71,7 +70,8 @@ def adjust_bundle(
     poses = start.world_to_camera.copy()
     for i in seeing:
         poses[i, :3] = model.images[i + 1].cam_from_world().matrix()
-    focal = float(model.cameras[_CAMERA].params[0])
+    (camera,) = model.cameras.values()
+    focal = float(camera.params[0])
     if not summary.is_solution_usable() or not np.isfinite(poses).all() or not 0 < focal < np.inf:
         raise GeometryError("the bundle adjustment found no finite solution")
     adjusted = intrinsics.astype(np.float64).copy()
@@ -87,18 +87,14 @@ def _model(start: CameraMotion, tracks: Tracks, intrinsics: F64, ratio: float, c
     centre = intrinsics[:2, 2] * stretch
     model = pycolmap.Reconstruction()
     width, height = (int(np.ceil(2 * c)) for c in centre)
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            camera_id=_CAMERA,
-            model="SIMPLE_PINHOLE",
-            width=max(width, 1),
-            height=max(height, 1),
-            params=[intrinsics[0, 0], *centre],
-        )
+    parameters = [intrinsics[0, 0], *centre]
+    camera = pycolmap.Camera(
+        camera_id=1, model="SIMPLE_PINHOLE", width=max(width, 1), height=max(height, 1), params=parameters
     )
+    model.add_camera_with_trivial_rig(camera)
     positions, seen = tracks.positions[chosen], tracks.seen[chosen]
     for i, pose in enumerate(start.world_to_camera):
-        image = pycolmap.Image(name=str(i), camera_id=_CAMERA, image_id=i + 1)
+        image = pycolmap.Image(name=str(i), camera_id=camera.camera_id, image_id=i + 1)
         image.points2D = [pycolmap.Point2D(point) for point in positions[seen[:, i], i] * stretch]
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
     directions = rays(positions[:, tracks.reference], intrinsics)

@@ -99,6 +99,10 @@ class CameraMotion:
         """Get the share of tracks that lie at or behind the camera of some view."""
         return float(np.mean(self.least_depth <= LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
 
+    def explains(self, outlier_px: float) -> Bool:
+        """Tell which tracks, [P], it explains: those with smaller residuals in all views."""
+        return np.asarray(np.nanmax(self.residuals_px, axis=1, initial=0) < outlier_px)
+
     @property
     def rms_px(self) -> float:
         """Get the root mean square residual over all observations but those of the reference view, in px."""
@@ -334,7 +338,7 @@ def estimate_motion(
         The motion and the tracks that it explains, with inverse depths of median 1.
     """
     first = adjust_both_ways(tracks, intrinsics, settings)
-    explained = np.nanmax(first.residuals_px, axis=1, initial=0) < settings.outlier_px
+    explained = first.explains(settings.outlier_px)
     if not explained.any():
         return first, tracks
     kept = tracks.keep(explained)

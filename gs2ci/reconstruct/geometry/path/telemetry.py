@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import path_extent
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot, check_rigid
 from gs2ci.core.run_figures import Moved
@@ -106,9 +106,7 @@ def errors_of_given(world_to_camera: F64, intrinsics: F64, position_error: float
         intrinsics: Camera matrix in px, [3, 3].
         position_error: Standard error of a position, in the unit of the poses; None if it is not stated.
     """
-    centres = camera_centres(world_to_camera)
-    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
-    position = position_error if position_error is not None else UNSTATED_SHARE * extent
+    position = position_error if position_error is not None else UNSTATED_SHARE * path_extent(world_to_camera)
     return PoseErrors(max(position, _LEAST_ERROR), _TURN_PX / float(intrinsics[0, 0]))
 
 
@@ -116,8 +114,7 @@ def movement(before: F64, after: F64) -> Moved:
     """Compare world-to-camera poses, [N, 4, 4], up to a common motion, which only changes the world's frame."""
     reference = len(before) // 2
     change = (after @ np.linalg.inv(after[reference])) @ np.linalg.inv(before @ np.linalg.inv(before[reference]))
-    centres = camera_centres(before)
-    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    extent = path_extent(before)
     shift = float(np.sqrt((change[:, :3, 3] ** 2).sum(axis=1).mean()))
     angles = Rotation.from_matrix(change[:, :3, :3]).magnitude()
     return Moved(
@@ -163,7 +160,7 @@ def place_points(
         inverse_depth=np.clip(inverse_depth / unit, *INVERSE_DEPTH_RANGE),
     )
     motion = with_errors(motion, sightings)
-    explained = np.nanmax(motion.residuals_px, axis=1, initial=0) < outlier_px
+    explained = motion.explains(outlier_px)
     if not explained.any():
         return motion, tracks
     kept = tracks.keep(explained)

@@ -54,10 +54,6 @@ _MOST_OFF: Final = 3.6
 # A camera that turns must leave so many times more: one that turns by a degree left up to 1.7 times more than with a
 # parallax of its own, motions with a parallax of a pixel and more 1.8 times and more.
 _LEAST_PARALLAX: Final = 1.75
-# Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
-_TURN_PX: Final = 100.0
-# Step of finite differences, as a share of a parameter above 1.
-_DIFFERENCE: Final = float(np.finfo(np.float64).eps) ** 0.5
 # What tracks say of the motion no longer holds.
 _OVERRULED: Final = (Code.CAMERA_STOOD_STILL, Code.CAMERA_ONLY_TURNED, Code.PARALLAX_MAY_DROWN, Code.PATH_UNCERTAIN)
 
@@ -135,20 +131,15 @@ class DisplacedBlocks:
         """Search for some of the moves, [F, 6], near a start, and keep the others."""
 
         def moves(found: F64) -> F64:
-            all_moves = np.tile(start, (*found.shape[:-1], 1, 1))
-            all_moves[(..., *free)] = found.reshape(*found.shape[:-1], *start[free].shape)
-            return all_moves
+            moved = start.copy()
+            moved[free] = found.reshape(start[free].shape)
+            return moved
 
         def errors(found: F64) -> F64:
             return self._errors(moves(found))[0]
 
-        def slopes(found: F64) -> F64:
-            # By finite differences, as SciPy takes them, but all at once.
-            moved = found + np.diag(_DIFFERENCE * np.where(found < 0, -1, 1) * np.maximum(1, np.abs(found)))
-            return ((errors(moved) - errors(found)) / (moved - found).sum(axis=1, keepdims=True)).T
-
-        found = least_squares(errors, start[free].ravel(), slopes, max_nfev=100, x_scale="jac").x
-        return BlockMotion(moves(found), *self._errors(moves(found))[1:])
+        found = moves(least_squares(errors, start[free].ravel(), max_nfev=100, x_scale="jac").x)
+        return BlockMotion(found, *self._errors(found)[1:])
 
     def _starts(self) -> list[F64]:
         """Return moves to start from, [F, 6] each: pure travel, and travel along the largest parallax, both ways."""
@@ -179,10 +170,15 @@ class DisplacedBlocks:
         return found[: size[0], : size[1]]
 
     def _along(self, moves: F64) -> F64:
-        """Return whitened displacements by travel at an inverse depth of 1, [..., B, 2 F]."""
-        travelled = np.einsum("bij,...fj->...bfi", self._travels, moves[..., :3])
-        along: F64 = np.einsum("bij,...bj->...bi", self._whiten, travelled.reshape(*travelled.shape[:-2], -1))
-        return along
+        """Return whitened displacements by the travel of moves, [F, 6], at an inverse depth of 1, [B, 2 F]."""
+        return self._whitened(self._by(self._travels, moves[:, :3]))
+
+    def _by(self, ways: F64, moves: F64) -> F64:
+        """Return displacements by travels or turns, [F, 3], from those by one along each axis, [B, 2, 3]; [B, 2 F]."""
+        return np.asarray(np.einsum("bij,fj->bfi", ways, moves), np.float64).reshape(len(self), -1)
+
+    def _whitened(self, px: F64) -> F64:
+        return np.asarray(np.einsum("bij,bj->bi", self._whiten, px), np.float64)
 
     def _start(self, travel_px: F64, turn_px: F64) -> F64:
         """Return even motion, [F, 6], that displaces the middle of the picture by so much by travel, and by turning."""
@@ -192,26 +188,16 @@ class DisplacedBlocks:
         return moves
 
     def _errors(self, moves: F64) -> tuple[F64, F64, F64]:
-        """Return what moves, [..., F, 6], are off by.
-
-        Returns:
-            Errors to be squared and added, [..., E]; inverse depths and costs, [..., B].
-        """
-        turned = np.einsum("bij,...fj->...bfi", self._turns, moves[..., 3:])
-        turned = turned.reshape(*turned.shape[:-2], -1)
-        left = np.einsum("bij,...bj->...bi", self._whiten, self.displaced.px - turned)
-        along = self._along(moves)
-        tight = 1 / _DEPTH_SPREAD**2
-        depth = ((along * left).sum(axis=-1) + tight) / ((along**2).sum(axis=-1) + tight)
+        """Return what moves, [F, 6], are off by: errors to be squared and added; inverse depths and costs, [B]."""
+        left = self._whitened(self.displaced.px - self._by(self._turns, moves[:, 3:]))
+        along, tight = self._along(moves), 1 / _DEPTH_SPREAD**2
+        depth = ((along * left).sum(axis=1) + tight) / ((along**2).sum(axis=1) + tight)
         depth = np.clip(depth, *_DEPTH_RANGE)
-        from_mean = (depth - 1)[..., None] / _DEPTH_SPREAD
-        errors = np.concatenate([left - depth[..., None] * along, from_mean], axis=-1)
-        off = (errors**2).sum(axis=-1)
+        errors = np.column_stack([left - depth[:, None] * along, (depth - 1) / _DEPTH_SPREAD])
+        off = (errors**2).sum(axis=1)
         robust = 2 * _OUTLIER**2 * (np.sqrt(1 + off / _OUTLIER**2) - 1)
-        weighted = errors * np.sqrt(robust / np.maximum(off, np.finfo(np.float64).tiny))[..., None]
-        loose = moves[..., 3:] * self._focal_px.mean() / _TURN_PX
-        lead = moves.shape[:-2]
-        return np.concatenate([weighted.reshape(*lead, -1), loose.reshape(*lead, -1)], axis=-1), depth, robust
+        weighted = errors * np.sqrt(robust / np.maximum(off, np.finfo(np.float64).tiny))[:, None]
+        return weighted.ravel(), depth, robust
 
 
 def displaced_motion(request: Request, tracks: Geometry) -> Geometry:

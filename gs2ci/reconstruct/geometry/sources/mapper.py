@@ -11,7 +11,6 @@ pairs with the most confirmed matches, and the one that explains most is the bes
 Here: the scenes and their expected error. Not here: features and their matches (`wide`), depth.
 """
 
-import math
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, path_extent
 from gs2ci.core.colmap import pycolmap, quietly
 from gs2ci.reconstruct.geometry.path.halves import error_from_halves, squared_distance
 from gs2ci.reconstruct.threads import in_threads
@@ -31,10 +30,6 @@ from gs2ci.reconstruct.threads import in_threads
 # matches are right, keep 15 to 30.
 LEAST_MATCHES: Final = 15
 """Fewest matches of a pair of views that are used."""
-# A pair needs `LEAST_MATCHES` right matches. So many trials find as many among all its matches with this probability; a
-# pair with fewer is not used, however long they are sought. The larger of the models that are tried takes so many.
-_FOUND: Final = 0.9999
-_OF_A_MODEL: Final = 7
 # Sums over several threads differ in their last digits from run to run.
 _REPEATABLE: Final = {"random_seed": 0, "num_threads": 1}
 # Errors in px, angles in degrees. A pair that begins no scene would be tried again and again, for minutes. And a view
@@ -151,7 +146,10 @@ def _write(
 
         def confirm(pair: tuple[int, int]) -> Any:
             one, other = (places[k].astype(np.float64) for k in pair)
-            options = _confirming(len(pairs[pair]))
+            # A pair with fewer right matches than are needed is not used, however long they are sought.
+            right = min(1.0, LEAST_MATCHES / len(pairs[pair]))
+            ransac = {"max_error": 2.0, "random_seed": _REPEATABLE["random_seed"], "min_inlier_ratio": right}
+            options = pycolmap.TwoViewGeometryOptions({"min_num_inliers": LEAST_MATCHES, "ransac": ransac})
             return pycolmap.estimate_calibrated_two_view_geometry(camera, one, camera, other, pairs[pair], options)
 
         for ((i, j), matches), geometry in zip(pairs.items(), in_threads(confirm, pairs), strict=True):
@@ -161,22 +159,6 @@ def _write(
     finally:
         database.close()
     return ids, confirmed
-
-
-def _confirming(matches: int) -> Any:
-    """Return the options with which a pair's matches are confirmed."""
-    options = pycolmap.TwoViewGeometryOptions(
-        {"min_num_inliers": LEAST_MATCHES, "ransac": {"max_error": 2.0, "random_seed": _REPEATABLE["random_seed"]}}
-    )
-    options.ransac.max_num_trials = min(options.ransac.max_num_trials, _trials(matches))
-    options.ransac.min_num_trials = min(options.ransac.min_num_trials, options.ransac.max_num_trials)
-    return options
-
-
-def _trials(matches: int) -> int:
-    """Return how many draws of a model's matches find one of right matches alone, if `LEAST_MATCHES` are right."""
-    all_right = (LEAST_MATCHES / matches) ** _OF_A_MODEL
-    return 1 if all_right >= 1 else math.ceil(math.log(1 - _FOUND) / math.log1p(-all_right))
 
 
 def _grown(database: Path, first: int, second: int) -> Any | None:
@@ -205,7 +187,7 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
 
     error = error_from_halves(path, np.arange(len(numbers)), without)
     if error is not None:
-        extent = float(np.linalg.norm(np.ptp(path, axis=0)))
+        extent = path_extent(poses)
         rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
         apart = [squared_distance(camera_centres(_poses(rival, views)), path) ** 0.5 / extent for rival in rivals]
         error = max(error, *apart, 0.0)

@@ -18,7 +18,7 @@ from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.sources.direct import Direct
+from gs2ci.reconstruct.geometry.sources.direct import swept_along
 from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.sources.wide import ahead_of, wide_motion
 
@@ -128,7 +128,7 @@ def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) 
 
 def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
     """Estimate the depths along given poses from the measurement, if there are too few tracks."""
-    swept = Direct(request, found).along(poses) if len(poses) > 1 else None
+    swept = swept_along(request, found, poses) if len(poses) > 1 else None
     if swept is None:
         return replace(found, notes=(*found.notes, finding(Code.POSES_NOT_BORNE_OUT)))
     return replace(measured(swept, poses), notes=(*swept.notes, finding(Code.DEPTH_RANGE_FOUND)))

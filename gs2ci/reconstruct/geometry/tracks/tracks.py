@@ -140,10 +140,7 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
         if i == reference or not len(start):
             continue
         guess = (predicted[:, i] - CENTRE_OFFSET).astype(np.float32)
-        there, again = (images[reference], images[i]), (images[i], images[reference])
-        found, ok = _flow(*there, start, settings.window_px, guess, pyramid_levels=0)
-        back, ok_back = _flow(*again, found, settings.window_px, start + (found - guess), pyramid_levels=0)
-        ok &= ok_back & (np.linalg.norm(back - start, axis=1) < settings.forward_backward_px)
+        found, ok = _there_and_back(images[reference], images[i], start, settings, guess)
         ok &= (np.linalg.norm(found - guess, axis=1) < _DRIFT_LIMIT_PX) & _inside(found, images[i])
         positions[ok, i] = found[ok] + CENTRE_OFFSET
     return Tracks(positions, reference)
@@ -162,16 +159,25 @@ def _follow(images: list[U8], reference: int, order: range, positions: F64, sett
     start = (positions[:, reference] - CENTRE_OFFSET).astype(np.float32)
     previous, points, alive = reference, start, np.ones(len(start), np.bool_)
     for i in order:
-        ahead, found = _flow(images[previous], images[i], points, settings.window_px)
-        back, found_back = _flow(images[i], images[previous], ahead, settings.window_px)
-        alive &= found & found_back
-        alive &= np.linalg.norm(back - points, axis=1) < settings.forward_backward_px
+        ahead, found = _there_and_back(images[previous], images[i], points, settings)
+        alive &= found
         direct, found_direct = _flow(images[reference], images[i], start, settings.window_px, ahead)
         agree = found_direct & (np.linalg.norm(direct - ahead, axis=1) < _DRIFT_LIMIT_PX)
         points = np.where(agree[:, None], direct, ahead)
         alive &= _inside(points, images[i])
         positions[alive, i] = points[alive] + CENTRE_OFFSET
         previous = i
+
+
+def _there_and_back(
+    source: U8, target: U8, points: F32, settings: TrackSettings, guess: F32 | None = None
+) -> tuple[F32, Bool]:
+    """Track points to another view, from a good guess without a pyramid; tell which lead back to where they were."""
+    levels = {} if guess is None else {"pyramid_levels": 0}
+    there, found = _flow(source, target, points, settings.window_px, guess, **levels)
+    start = None if guess is None else points + (there - guess)
+    back, found_back = _flow(target, source, there, settings.window_px, start, **levels)
+    return there, found & found_back & (np.linalg.norm(back - points, axis=1) < settings.forward_backward_px)
 
 
 def _inside(points: F32, image: U8) -> Bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -34,7 +35,6 @@ RIDGE: Final = 1e-3
 _ROUNDING: Final = 1e-9
 # Rows are processed in bands whose box sums are about this large: larger ones do not fit the cache.
 _BAND_BYTES: Final = 12 * 2**20
-_MIN_BAND_ROWS: Final = 8
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _whole_image_condition(transmissions: F64) -> float:
 def _bands(plane: CodedPlane) -> list[slice]:
     n, height, width = plane.transmissions.shape
     sums = n * (n + 1) // 2 + n * plane.measured.shape[2]
-    rows = max(_MIN_BAND_ROWS, _BAND_BYTES // (8 * sums * width))
+    rows = max(1, _BAND_BYTES // (8 * sums * width))
     return [slice(r, min(r + rows, height)) for r in range(0, height, rows)]
 
 
@@ -188,18 +188,10 @@ def _box_sums(plane: CodedPlane, first_row: int, pixels: _Ints, radius: int) -> 
     masks, measured = plane.transmissions[:, low:high], plane.measured[low:high].transpose(2, 0, 1)
     grams, moments = np.empty((len(pixels), n, n)), np.empty((len(pixels), n, len(measured)))
     for i in range(n):
-        integrals = _integral_images(np.concatenate([masks[: i + 1], measured]) * masks[i])
+        images = np.concatenate([masks[: i + 1], measured]) * masks[i]
+        integrals = np.stack([cv2.integral(image, sdepth=cv2.CV_64F) for image in images]).reshape(len(images), -1)
         plus, plus_too, minus, minus_too = (integrals[:, index] for index in corners)
         sums = (plus + plus_too - minus - minus_too).T
         grams[:, i, : i + 1] = grams[:, : i + 1, i] = sums[:, : i + 1]
         moments[:, i] = sums[:, i + 1 :]
     return grams, moments
-
-
-def _integral_images(images: F64) -> F64:
-    """Sum everything above and to the left: [K, H, W] to [K, (H + 1)(W + 1)]."""
-    count, height, width = images.shape
-    integrals = np.zeros((count, height + 1, width + 1))
-    np.cumsum(images, axis=2, out=integrals[:, 1:, 1:])
-    np.cumsum(integrals, axis=1, out=integrals)
-    return integrals.reshape(count, -1)

@@ -45,7 +45,7 @@ def test_planes_are_those_of_the_kernels(window, best, views, forward, at_once, 
     twists[-1, 2] = forward  # near planes then lie behind the last view
     homographies = plane_homographies(exp(twists).numpy(), MATRIX, PLANES)
     cost = matching_cost(features[0], features[1:], homographies, best, window)
-    here = best_plane(smoothed(cost))
+    here = best_plane(torch.from_numpy(smoothed(cost))).numpy()
     with reads() as count:
         there = best_planes_on_device(features, homographies, best, window, torch.device("cpu"))
     assert count.calls == {"cpu": 1, "numpy": 1}

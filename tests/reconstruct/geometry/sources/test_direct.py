@@ -10,7 +10,7 @@ from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources.direct import Direct
+from gs2ci.reconstruct.geometry.sources.direct import swept_along
 from gs2ci.reconstruct.measurement.lens import Lens
 
 # More points than there are: tracks say nothing.
@@ -45,7 +45,7 @@ def test_depths_are_found_along_given_poses_of_any_frame_and_unit(trackless):
     frame[:3, 3] = (4, -2, 7)
     told = scene.poses.copy()
     told[:, :3, 3] *= 250
-    along = Direct(request, found).along(told @ frame)
+    along = swept_along(request, found, told @ frame)
     assert along is not None
     assert along.verdict == "full"
     assert PLANE_NOTE not in along.notes
@@ -61,8 +61,8 @@ def test_a_path_that_the_measurement_does_not_bear_out_is_refused(trackless):
     scene, request, found = trackless()
     backwards = scene.poses.copy()
     backwards[:, :3, 3] *= -1
-    assert Direct(request, found).along(backwards) is None
-    assert Direct(request, found).along(np.tile(np.eye(4), (5, 1, 1))) is None
+    assert swept_along(request, found, backwards) is None
+    assert swept_along(request, found, np.tile(np.eye(4), (5, 1, 1))) is None
 
 
 def test_one_view_moves_nowhere(trackless, expose):
@@ -70,7 +70,7 @@ def test_one_view_moves_nowhere(trackless, expose):
     alone = replace(scene, views=scene.views[:1], poses=scene.poses[:1])
     request = Request(expose(alone), alone.views, TRACKLESS)
     found = initialise(alone.views, scene.intrinsics, TRACKLESS)
-    assert Direct(request, found).along(alone.poses) is None
+    assert swept_along(request, found, alone.poses) is None
 
 
 def test_a_lens_and_a_mosaic_are_seen_through(trackless):
@@ -83,6 +83,6 @@ def test_a_lens_and_a_mosaic_are_seen_through(trackless):
     assert lens is not None
     behind = Request.of(shot, scene.views, TRACKLESS, lens)
     found = initialise(behind.views, behind.intrinsics, TRACKLESS)
-    along = Direct(behind, found).along(scene.poses)
+    along = swept_along(behind, found, scene.poses)
     assert along is not None
     assert along.inverse_depth.shape == behind.size

@@ -100,11 +100,17 @@ def test_too_few_matches_begin_nothing(matches):
     assert grown_scene(list(places), pairs, INTRINSICS, SIZE) == (None, 0)
 
 
-def test_no_more_trials_than_find_as_many_right_matches_as_a_pair_needs():
-    assert mapper._trials(mapper.LEAST_MATCHES) == 1
-    for matches in (20, 30, 45):
-        missed = (1 - (mapper.LEAST_MATCHES / matches) ** 7) ** mapper._trials(matches)
-        assert 0.9e-4 < missed < 1e-4
-    few, many = mapper._confirming(16).ransac, mapper._confirming(2000).ransac
-    assert few.max_num_trials == few.min_num_trials == mapper._trials(16)
-    assert (many.min_num_trials, many.max_num_trials) == (100, 10_000)
+def test_matches_are_sought_as_long_as_it_takes_to_find_as_many_right_ones_as_a_pair_needs(monkeypatch):
+    confirm, told = mapper.pycolmap.estimate_calibrated_two_view_geometry, {}
+
+    def listening(*given):
+        told[len(given[4])] = given[5].ransac.min_inlier_ratio
+        return confirm(*given)
+
+    monkeypatch.setattr(mapper.pycolmap, "estimate_calibrated_two_view_geometry", listening, raising=False)
+    rng = np.random.default_rng(1)
+    places = seen_from(POSES[:3], points_of(60, rng), rng)
+    pairs = {(0, 1): 15, (0, 2): 45, (1, 2): 60}
+    matches = {pair: np.stack([np.arange(count)] * 2, axis=1).astype(np.uint32) for pair, count in pairs.items()}
+    grown_scene(list(places), matches, INTRINSICS, SIZE)
+    assert told == {15: 1.0, 45: pytest.approx(1 / 3), 60: 0.25}
