@@ -188,6 +188,7 @@ class Code(StrEnum):
     MOTION_AROUND = auto()
     MOTION_OR_CAMERA = auto()
     MOTION_NOT_TAKEN = auto()
+    SCENE_NOT_FOLLOWING = auto()
     VIEWS_POLISHED = auto()
 
     # Depth order.

@@ -41,6 +41,7 @@ _AGAINST_DEPTH: Final = (
     Code.DEPTH_ORDER_UNTRIED,
     Code.DEPTH_IN_NOISE,
     Code.VGGT_DEPTH_TAKEN,
+    Code.SCENE_NOT_FOLLOWING,
     Code.FOCAL_ASSUMED,
 )
 """Findings that say not to rely on depth."""

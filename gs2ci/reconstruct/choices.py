@@ -64,6 +64,7 @@ class LeftOut(StrEnum):
     DECODE_WEIGHS_NOISE = "decode weighs noise"
     DENSE_POLISH = "dense polish"
     DISPLACEMENTS = "displacements"
+    ERRORS_OVER_TIME = "errors over time"
     MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
     OCCLUSION = "occlusion"
     PATCH_TEST_OF_MOTION = "patch test of motion"

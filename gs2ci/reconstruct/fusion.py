@@ -6,6 +6,8 @@
     best scene ───────────────────────────────────────────────────────────────┼─► weights by held-out pixels
     decode (unless far off) ──────────────────────────────────────────────────┘   ─► the combination, from all pixels
 
+Where the fits' views surely err over time and those of the decode do not, the latter take their place first.
+
 Polishing is a decode by groups of similar patches that starts from the refined views: it adds detail that the scene
 lacks, and follows moving things.
 
@@ -36,6 +38,7 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
+from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.settings import Settings
 
 # A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
@@ -124,9 +127,14 @@ def hand_over(
     if settings.residual is None or not holdout.pixels.any():
         judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
         return Recovered(own, "scene", judged, _doubts(holdout, own))
-    noise_by_reading = noise_of_readings(holdout, mean)
+    unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
+    if LeftOut.ERRORS_OVER_TIME in settings.left_out:
+        unfollowed = np.zeros_like(unfollowed)
+    if unfollowed.any():
+        own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
+    noise_by_reading = noise_of_readings(holdout, ensemble.views)
     least_noise = mean_power(noise_by_reading, holdout)
-    noise = least_noise * followed(holdout, mean)
+    noise = least_noise * followed(holdout, ensemble.views)
     refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
@@ -155,26 +163,33 @@ def hand_over(
     wanted = shares(holdout, candidates, noise)
     candidates = {name: one for name, one in candidates.items() if wanted[name] > 0}
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
-    judged = _judged(holdout, {"refined": blind, "scene": own, "decode": first.decoded})
+    judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
     doubts = _doubts(holdout, blind)
     del refined_views, decode, blind
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
     for name, share in wanted.items():
         of[_CALLED[name]] += share
     verdict: Verdict = next((name for name, share in of.items() if share >= _ALL_BUT), "refined")
+    if verdict == "scene" and unfollowed.any():
+        verdict = "refined"
     if verdict != "refined":
         wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
         notes = ()
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
-    if (polished := wanted.get("polished", 0.0)) > 0:
-        notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=polished))
+    notes = (*notes, *_of_patches_and_decode(wanted.get("polished", 0.0), float(unfollowed.mean())))
     given = Candidate(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
     return Recovered(given.full, verdict, judged, (*doubts, *_expected_to_err(holdout, given, least_noise), *notes))
+
+
+def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
+    """Report the share of views made by patches, and that replaced by the decode because it errs over time."""
+    of_patches = (finding(Code.VIEWS_OF_PATCHES, share=polished),) if polished > 0 else ()
+    return (*of_patches, finding(Code.SCENE_NOT_FOLLOWING, share=unfollowed)) if unfollowed > 0 else of_patches
 
 
 def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:

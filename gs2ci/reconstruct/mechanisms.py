@@ -85,6 +85,7 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.DENSE_POLISH: "refined views of scenes in which things may move are decoded on by dense patches",
     },
     "combination": {
+        LeftOut.ERRORS_OVER_TIME: "views that surely err over time are replaced by those of the decode",
         LeftOut.CANCELLING_ERRORS: "where patches explained much, errors of scenes are taken to cancel along the views",
     },
     "residual-and-polish": {

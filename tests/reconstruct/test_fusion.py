@@ -26,6 +26,14 @@ SETTINGS = Settings()
 UNPOLISHED = replace(SETTINGS, polish=None)
 
 
+@pytest.fixture(autouse=True)
+def unfollowed(monkeypatch):
+    """Where scenes err over time: nowhere, unless a test says otherwise, as drawn errors of views do so too."""
+    where = np.zeros(SIZE, np.float32)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion.followed_by_other_alone", lambda *_: where)
+    return where
+
+
 def picture(seed, sigma_px):
     grey = gaussian_filter(np.random.default_rng(seed).random((SIZE[0], SIZE[1] + 16)), sigma_px)
     return (grey - grey.min()) / np.ptp(grey)
@@ -218,6 +226,23 @@ def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
 def test_nothing_is_polished_where_the_decode_is_all_that_would_be_handed_over(monkeypatch):
     monkeypatch.setattr("gs2ci.reconstruct.fusion._polished", None)
     assert handed(look_at(moving(sigma_px=3.0)), moving(seed=9)).verdict == "decode"
+
+
+def test_where_the_scene_errs_over_time_and_the_decode_does_not_its_views_are_handed_over(unfollowed):
+    truth = moving(sigma_px=1.0)
+    first = look_at(truth, share=0.1)
+    wrong = truth.copy()
+    wrong[:, :, :20] = truth[:, :, :20].mean(axis=0)
+    plain = handed(first, wrong)
+    unfollowed[:, :20] = 1
+    found = handed(first, wrong)
+    (note,) = [note for note in found.notes if note.code is Code.SCENE_NOT_FOLLOWING]
+    assert note.figures["share"] == pytest.approx(20 / SIZE[1])
+    assert Code.SCENE_NOT_FOLLOWING not in [note.code for note in plain.notes]
+    left, right = np.s_[:, :, :16], np.s_[:, :, 28:]
+    assert psnr(found.views[left], truth[left]) > psnr(plain.views[left], truth[left]) + 0.5
+    assert psnr(found.views[right], truth[right]) > psnr(first.decoded[right], truth[right]) + 5
+    assert found.verdict == "refined"
 
 
 @pytest.mark.parametrize("how", ["nothing held out", "no residual"])

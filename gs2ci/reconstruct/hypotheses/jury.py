@@ -21,6 +21,7 @@ from gs2ci.reconstruct.hypotheses.moving import (
     BEHIND_DECODE,
     BEHIND_PATCHES,
     LEAST_GAIN,
+    LEAST_UNFOLLOWED,
     MotionQuestion,
     ask,
     rested,
@@ -28,6 +29,7 @@ from gs2ci.reconstruct.hypotheses.moving import (
 )
 from gs2ci.reconstruct.hypotheses.turned import explain_alike, told_by
 from gs2ci.reconstruct.measurement.holdout import surely_larger
+from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 
 
 class Jury:
@@ -47,9 +49,10 @@ class Jury:
     def question(self, leader: Entrant, views: F32) -> MotionQuestion:
         """Test still views' residual for motion, and if the test is positive, how much patches reduce it."""
         look = leader.hypothesis.look
+        unfollowed = float(followed_by_other_alone(self._fits.holdout, views, look.decoded).mean())
         left, at_rest = ask(self._fits.holdout, views), look.geometry.known_at_rest
-        asked = MotionQuestion(left, known_at_rest=at_rest)
-        if not speaks_for_motion(left, known_at_rest=at_rest):
+        asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
+        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
             return asked
         if LeftOut.PATCH_TEST_OF_MOTION in self._settings.left_out:
             return replace(asked, gain=1.0)
@@ -67,8 +70,7 @@ class Jury:
 
     def moving_hypothesis(self, first: FirstLook, leader: Entrant, still: F32) -> Hypothesis:
         """Return a scene that moves from the first, before a camera at rest unless a path was given."""
-        refined = self._fits.refine(still)
-        starts = (refined, first.decoded, self.further(refined))
+        starts = (self.shown(still, first.decoded), first.decoded, self.further(self._fits.refine(still)))
         views = min(starts, key=lambda shown: or_infinite(self._fits.holdout.residual_rms(shown)))
         return Hypothesis(Origin.MOVING, rested(leader.hypothesis.look), views, moves=True)
 
@@ -154,11 +156,18 @@ class Jury:
         before, after = (self._fits.holdout.residual_rms(views) for views in (refined, decoded))
         return 0.0 if not before or after is None else 1 - after / before
 
-    def left(self, entrant: Entrant) -> float | None:
-        """Return the held-out residual of a fit's views, refined."""
+    def shown(self, views: F32, decoded: F32) -> F32:
+        """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
+        where = followed_by_other_alone(self._fits.holdout, views, decoded)
+        return self._fits.refine(replaced(views, decoded, where) if where.any() else views)
+
+    def left(self, entrant: Entrant, decoded: F32 | None = None) -> float | None:
+        """Return the held-out residual of a fit's views, refined; about as delivered if decoded."""
         run = entrant.run
         views = run.result().views if run.has_ended else run.views()
-        return self._fits.holdout.residual_rms(self._fits.refine(views))
+        return self._fits.holdout.residual_rms(
+            self._fits.refine(views) if decoded is None else self.shown(views, decoded)
+        )
 
 
 def clearly_less(one: float | None, other: float | None) -> bool:

@@ -301,13 +301,13 @@ class Race:
             self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         ended = [one for one in field if one.run.has_ended]
         still = self._jury.mean_of(self._jury.counting(ended))
-        residuals = {STILL: self.fits.holdout.residual_rms(self.fits.refine(still))}
+        residuals = {STILL: self.fits.holdout.residual_rms(self._jury.shown(still, first.decoded))}
         moving = self._enter(self._jury.moving_hypothesis(first, field[0], still))
         for share in (HALF, 1.0):
             self._try(share, moving)
             if moving.number in self._outcomes:
                 return (), residuals
-            residuals[MOVING] = self._jury.left(moving)
+            residuals[MOVING] = self._jury.left(moving, first.decoded)
             if not self._wants_motion and not or_infinite(residuals[MOVING]) < or_infinite(residuals[STILL]):
                 break
         else:

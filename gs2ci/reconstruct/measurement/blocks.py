@@ -1,7 +1,7 @@
 """Square blocks of a picture: in each a residual is regressed by itself, or scores are summed for standard errors.
 
-Here: how a picture is cut, and the covariance of such sums. Not here: the regressions (`moving`, `displacements`,
-`brightness`, `doubts`).
+Here: how a picture is cut, and the covariance of such sums. Not here: the regressions (`moving`, `over_time`,
+`displacements`, `brightness`, `doubts`).
 """
 
 from typing import Final

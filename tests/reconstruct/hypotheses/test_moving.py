@@ -313,6 +313,11 @@ def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
     assert MotionQuestion(None, 0.05, behind_decode=True).speaks_for_motion
 
 
+@pytest.mark.parametrize(("share", "speaks"), [(0.0, False), (0.02, False), (0.04, True)])
+def test_a_still_scene_that_errs_over_time_speaks_for_motion(share, speaks):
+    assert MotionQuestion(unfollowed=share).speaks_for_motion is speaks
+
+
 @pytest.mark.parametrize(
     ("explained", "gain", "speaks"), [(0.005, 0.04, True), (0.003, 0.04, False), (0.005, 0.03, False)]
 )

@@ -155,6 +155,7 @@ def run(
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
     monkeypatch.setattr(jury, "ask", lambda *_: left)
     monkeypatch.setattr(race, "ask", lambda *_: left)
+    monkeypatch.setattr(jury, "followed_by_other_alone", lambda *_: np.zeros(1))
     monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)

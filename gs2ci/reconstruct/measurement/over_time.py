@@ -1,0 +1,203 @@
+"""Where the brightness of views surely errs over time, although their coded sum explains the measurement.
+
+A scene that cannot follow something that moves may still explain the measurement: where masks of neighbouring pixels
+are alike (blurred masks, or one pattern that is displaced from view to view, as in most laboratories), fine detail that
+follows the masks gives any coded sum, and held-out pixels, whose masks are like those of their neighbours, hardly show
+that it is wrong. But the detail of a real scene is independent of the masks. So views are smoothed, which removes all
+fine detail, and what their coded sum leaves of the measurement is regressed, block by block, on the masks of the single
+views: real detail follows none of them, and a view that is too dark over a block follows its own. One number for each
+of a few temporal frequencies, for some hundred pixels; no fit, and a tenth of a second.
+
+Errors that all views have in common are not looked for, nor those of whole views, which a lamp that flickers or wrong
+weights cause.
+
+Here: the test, and the soft picture of where one set of views fails it and another does not. Not here: what follows
+from it (`hypotheses.moving`, `fusion`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.special import fdtrc, fdtri
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, RIDGE, in_blocks
+from gs2ci.reconstruct.measurement.holdout import Holdout
+
+# The same blocks, displaced by half a block down and to the right: a place belongs to four blocks, fewer at the border.
+_STEP_PX: Final = BLOCK_PX // 2
+# A place counts if so many of its blocks do.
+_VOTES: Final = 2
+# A block with fewer usable pixels is not tested.
+_LEAST_PIXELS: Final = BLOCK_PX**2 // 4
+# Standard deviation of the smoothing: wider than the detail that masks of a laboratory leave in common (their edges are
+# soft over one or two pixels), narrower than a block.
+_SMOOTH_PX: Final = 2.0
+# So many temporal frequencies at most: things move smoothly, and each frequency costs a degree of freedom.
+_FREQUENCIES: Final = 8
+# Residuals are no independent numbers: what views lack is as wide as the elements of the masks. How much larger that
+# makes the ratios of the test is seen with residuals displaced by so much (down and right): farther than elements are
+# wide, and along no direction in which a pattern may be displaced from view to view. Compared are these quantiles.
+_ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
+_QUANTILE: Final = 0.95
+# Smaller errors (root mean square over the views, full scale 1) are not worth replacing views.
+_VISIBLE: Final = 0.02
+# The brightness of blocks holds about half of the squared error of views that cannot follow what moves (0.43 to 0.55 of
+# it in six scenes). Views are replaced if that error is more than half of the squared difference from the other views,
+# so that these err less.
+_LEAST_OF_DIFFERENCE: Final = 0.25
+# Less of the picture is left as it is: one block in a thousand is wrong by chance.
+_LEAST_SHARE: Final = 0.01
+# By so much the places are widened, since the border of what moves lies between blocks; and the standard deviation of
+# the transition, px.
+_WIDENED_PX: Final = 4
+_SOFT_PX: Final = 3.0
+
+
+def errors_over_time(holdout: Holdout, views: F32) -> F32:
+    """Return how much views surely and visibly err over time, [H, W]; 0 where they do not.
+
+    Args:
+        holdout: The measurement; its held-out pixels are not read.
+        views: [N, H, W, C], full scale 1.
+
+    Returns:
+        Squared errors of the brightness of blocks, summed over the views: no more than the squared errors of pixels.
+    """
+    height, width = holdout.shot.size
+    if len(views) < 2 or min(height, width) < _STEP_PX or not np.isfinite(views).all():
+        return np.zeros((height, width), np.float32)
+    weighted = holdout.shot.weights[:, None, None] * holdout.shot.masks
+    smoothed = np.stack([cv2.GaussianBlur(view, (0, 0), _SMOOTH_PX).reshape(view.shape) for view in views])
+    left = (holdout.shot.measurement - holdout.coded(smoothed)).mean(axis=2)
+    asked = holdout.shot.usable & ~holdout.pixels
+    left = np.where(asked, left - _of_whole_views(left, weighted * smoothed.mean(axis=3), asked), 0)
+    # Each block is also tested with residuals of other places, which know nothing of its masks.
+    several = np.stack([left, *(np.roll(left, step, axis=(0, 1)) for step in _ELSEWHERE_PX)])
+    tested = [
+        (rows, _test(several[:, *rows], weighted[:, *rows], asked[rows]))
+        for down in (0, _STEP_PX)
+        for right in (0, _STEP_PX)
+        for rows in (np.s_[top : top + BLOCK_PX, right:] for top in range(down, height, BLOCK_PX))
+    ]
+    by_chance = np.concatenate([one.by_chance.reshape(-1) for _, one in tested])
+    inflated = max(1.0, float(np.quantile(by_chance, _QUANTILE))) if len(by_chance) else 1.0
+    votes, power = np.zeros((height, width), np.int64), np.zeros((height, width), np.float32)
+    for rows, one in tested:
+        across, wrong = votes[rows].shape[1], one.wrong(inflated)
+        votes[rows] += np.repeat(wrong, BLOCK_PX)[:across]
+        power[rows] += np.repeat(np.where(wrong, one.sure_power(inflated), 0), BLOCK_PX)[:across].astype(np.float32)
+    return np.where(votes >= _VOTES, power / np.maximum(votes, 1), 0)
+
+
+def errs_over_time(holdout: Holdout, views: F32) -> Bool:
+    """Tell where views, [N, H, W, C], surely and visibly err over time, [H, W]."""
+    return errors_over_time(holdout, views) > 0
+
+
+def followed_by_other_alone(holdout: Holdout, views: F32, other: F32) -> F32:
+    """Return where views err over time and others, both [N, H, W, C], do not: [H, W] from 0 to 1, with soft borders.
+
+    Others that do not err over time may lack more detail than the views are wrong; so places do not count if the error
+    explains too little of the difference between the two.
+    """
+    errors = errors_over_time(holdout, views)
+    wrong = errors > 0
+    if wrong.any():
+        apart = ((views - other) ** 2).sum(axis=0).mean(axis=2)
+        wrong &= errors >= _LEAST_OF_DIFFERENCE * cv2.blur(apart, (BLOCK_PX, BLOCK_PX))
+        wrong &= ~errs_over_time(holdout, other)
+    if wrong.mean() < _LEAST_SHARE:
+        return np.zeros(wrong.shape, np.float32)
+    size = 2 * _WIDENED_PX + 1
+    widened = cv2.dilate(wrong.astype(np.float32), np.ones((size, size), np.uint8))
+    return cv2.GaussianBlur(widened, (0, 0), _SOFT_PX)
+
+
+def replaced(views: F32, other: F32, where: F32) -> F32:
+    """Return views, [N, H, W, C], with others in their place by a share for each pixel, [H, W]."""
+    share = where[None, :, :, None]
+    return views + share * (other - views)
+
+
+def _of_whole_views(left: F32, coded: F32, asked: Bool) -> F32:
+    """Return the part of a residual, [H, W], that brighter or darker whole views explain; their light: [N, H, W]."""
+    light = coded[:, asked].astype(np.float64)
+    gram = light @ light.T
+    gram += np.eye(len(gram)) * max(RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
+    gains = np.linalg.solve(gram, light @ left[asked].astype(np.float64))
+    return np.tensordot(gains.astype(np.float32), coded, axes=1)
+
+
+@dataclass(frozen=True)
+class _Tested:
+    """The test of a row of blocks.
+
+    Args:
+        ratio: Of Fisher's test, [B].
+        freedom: Its degrees of freedom: unknowns, and pixels beyond them, [B].
+        power: Squared offsets of a block's views, summed over the views, [B].
+        visible: Whether a block has enough pixels, and errors large enough to be visible, [B].
+        by_chance: The ratios with residuals of other places, as multiples of the quantile that they should have.
+    """
+
+    ratio: F64
+    freedom: tuple[int, F64]
+    power: F64
+    visible: Bool
+    by_chance: F64
+
+    def wrong(self, inflated: float) -> Bool:
+        """Tell in which blocks, [B], views are wrong, if ratios are so many times too large by chance."""
+        return self.visible & (fdtrc(*self.freedom, self.ratio / inflated) < CHANCE)
+
+    def sure_power(self, inflated: float) -> F64:
+        """Return the power of the offsets, [B], without what chance adds to it."""
+        return self.power * (1 - np.minimum(1, inflated / np.maximum(self.ratio, np.finfo(np.float64).tiny)))
+
+
+def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
+    """Regress the residual of a row of blocks on the masks of single views.
+
+    Args:
+        several: The residual of smoothed views, then residuals of other places, [K, at most 16 rows, W].
+        masks: With their weights, [N, rows, W].
+        asked: Which pixels are usable, [rows, W].
+    """
+    count = len(masks)
+    pixels = _blocks(asked[None].astype(np.float32))[..., 0].sum(axis=1)
+    opened, residuals = _blocks(masks * asked), _blocks(several * asked)
+    common, basis = opened.sum(axis=2)[..., None], _frequencies(count)
+    unknowns = basis.shape[1]
+    design = opened @ basis
+    # What all views have in common explains what it can first.
+    power = np.maximum((common**2).sum(axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    residuals = residuals - (common * residuals).sum(axis=1, keepdims=True) / power * common
+    design = design - (common * design).sum(axis=1, keepdims=True) / power * common
+    gram = design.swapaxes(1, 2) @ design
+    trace = np.trace(gram, axis1=1, axis2=2) / unknowns
+    gram += np.eye(unknowns) * np.maximum(RIDGE * trace, np.finfo(np.float64).tiny)[:, None, None]
+    moments = design.swapaxes(1, 2) @ residuals
+    offsets = np.linalg.solve(gram, moments)
+    gained, whole = (offsets * moments).sum(axis=1), (residuals**2).sum(axis=1)
+    freedom = np.maximum(pixels - unknowns - 1, 1)
+    testable = (pixels >= max(_LEAST_PIXELS, 2 * unknowns)) & (trace > 0)
+    rest = np.maximum(whole - gained, np.finfo(np.float64).eps * whole)
+    ratio = np.where(whole > 0, gained / unknowns * freedom[:, None] / np.where(whole > 0, rest, 1), 0).clip(0)
+    power_of_offsets = (offsets[..., 0] ** 2).sum(axis=1)
+    visible = testable & (power_of_offsets >= _VISIBLE**2 * count)
+    by_chance = (ratio[:, 1:] / fdtri(unknowns, freedom, _QUANTILE)[:, None])[testable]
+    return _Tested(ratio[:, 0], (unknowns, freedom), power_of_offsets, visible, by_chance)
+
+
+def _frequencies(count: int) -> F64:
+    """Return the lowest temporal frequencies of so many views but the constant one, orthonormal, [N, F]."""
+    rows = np.arange(1, min(count - 1, _FREQUENCIES) + 1)
+    return np.cos(np.pi * (np.arange(count)[:, None] + 0.5) * rows / count) * np.sqrt(2 / count)
+
+
+def _blocks(pictures: F32) -> F64:
+    """Cut a row of blocks out of pictures, [K, at most 16 rows, W], zero beyond them: [B, pixels of a block, K]."""
+    return in_blocks(np.moveaxis(pictures, 0, -1))[0]
