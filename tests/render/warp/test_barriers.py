@@ -15,7 +15,10 @@ REDUCED = ("tile_sum", "tile_max", "tile_min")
 
 
 def waits_under_conditions(function) -> list[str]:
-    """Return what waits for a whole block, or reads a tile's sum, in the body of an `if`."""
+    """Return what waits for a whole block, or reads a tile's sum, in the body of an `if` or of a thread's own loop.
+
+    Where an entry of a tile is written, all threads wait too (warp 1.19).
+    """
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     reduced = {
         target.id
@@ -23,15 +26,28 @@ def waits_under_conditions(function) -> list[str]:
         if isinstance(node, ast.Assign) and called(node.value) in REDUCED
         for target in node.targets
     }
+    tiles = {
+        target.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign) and called(node.value) == "tile_zeros"
+        for target in node.targets
+    }
     found = []
-    for branch in (node for node in ast.walk(tree) if isinstance(node, ast.If)):
+    for branch in (node for node in ast.walk(tree) if isinstance(node, ast.If) or is_of_a_thread(node)):
         for statement in (*branch.body, *branch.orelse):
             for node in ast.walk(statement):
                 waits = called(node).startswith("tile") or called(node) == "sum_of_block"
                 reads = isinstance(node, ast.Subscript) and getattr(node.value, "id", "") in reduced
-                if waits or (reads and not in_condition(node, statement)):
+                writes = isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store)
+                writes = writes and getattr(node.value, "id", "") in tiles
+                if waits or writes or (reads and not in_condition(node, statement)):
                     found.append(ast.unparse(node))
     return found
+
+
+def is_of_a_thread(node) -> bool:
+    """Tell whether a node is a loop that each thread begins at its own number."""
+    return isinstance(node, ast.For) and any(getattr(name, "id", "") == "lane" for name in ast.walk(node.iter))
 
 
 def in_condition(node, statement) -> bool:
@@ -56,3 +72,15 @@ def test_a_wait_of_some_threads_is_found():
             out[0] = both[0]
 
     assert waits_under_conditions(kernel) == ["both[0]"]
+
+
+def test_an_entry_of_a_tile_is_not_written_by_some_threads_alone():
+    def kernel(wp, lane, some, shape):
+        tile = wp.tile_zeros(shape)
+        tile[0, lane] = 1.0
+        if some:
+            tile[1, lane] = 1.0
+        for k in range(lane, 36):
+            tile[k, 0] = 1.0
+
+    assert waits_under_conditions(kernel) == ["tile[1, lane]", "tile[k, 0]"]

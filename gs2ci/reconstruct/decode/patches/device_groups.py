@@ -1,9 +1,10 @@
 """Groups of similar patches denoised on a device, in NVIDIA Warp: the arithmetic of `low_rank.py`, to rounding.
 
 A block of threads takes one group. Eigenvectors are found by Jacobi's method from one side (Hestenes 1958), which a
-warp can do in step: of the covariance each thread holds two columns in registers, turns them until they are at right
-angles, and hands one on, so that all pairs meet; in the end a column is an eigenvector times its eigenvalue. Denoised
-patches are added up as integers, whose sum has no order: the same bits from run to run. Never run on a GPU so far.
+warp can do in step: of the covariance (of pixels, or of patches where planes are together) each thread holds two
+columns in registers, turns them until they are at right angles, and hands one on, so that all pairs meet; in the end a
+column is an eigenvector times its eigenvalue. Denoised patches are added up as integers, whose sum has no order: the
+same bits from run to run. Never run on a GPU so far.
 
 Here: the kernel and its call. Not here: why groups are shrunk so (`low_rank.py`), where their patches lie (`matching`).
 """
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.patches.low_rank import patches_over
 from gs2ci.reconstruct.decode.patches.matching import SIDE
-from gs2ci.render.recording import TILED, Launcher
+from gs2ci.render.recording import TILED, Floats, Ints, Launcher
 
 wp.init()
 
@@ -43,35 +44,30 @@ Patch = wp.types.vector(length=SIDE * SIDE, dtype=wp.float32)
 
 
 @wp.func
-def patch_at(planes: wp.array(dtype=wp.float32), corner: int, width: int):
-    """Return the pixels of a patch, given where its first one lies."""
-    patch = Patch()
-    for k in range(PIXELS):
-        patch[k] = planes[corner + (k // PX) * width + k % PX]
-    return patch
+def place_of(corners: Ints, member: int, width: int, of_plane: int, pixel: int, m: int):
+    """Return where a pixel of one of the patches lies; those of all planes are counted through."""
+    k = pixel % PIXELS
+    return (pixel // PIXELS) * of_plane + corners[member + m] + (k // PX) * width + k % PX
 
 
 @wp.func
-def mean_patch(
-    planes: wp.array(dtype=wp.float32),
-    base: int,
-    corners: wp.array(dtype=wp.int32),
-    first: int,
-    count: int,
-    width: int,
-):
-    """Return the mean of so many patches."""
-    total = Patch()
-    for m in range(count):
-        total += patch_at(planes, base + corners[first + m], width)
-    return total / wp.float32(count)
+def mean_of(planes: Floats, corners: Ints, member: int, members: int, width: int, of_plane: int, pixel: int):
+    """Return the mean of a pixel over the patches."""
+    total = wp.float32(0.0)
+    for m in range(members):
+        total += planes[place_of(corners, member, width, of_plane, pixel, m)]
+    return total / wp.float32(members)
 
 
 @wp.func
-def pixel_at(p: int, width: int, of_plane: int):
-    """Return how far a pixel of a patch in all planes lies from the patch's corner."""
-    k = p % PIXELS
-    return (p // PIXELS) * of_plane + (k // PX) * width + k % PX
+def place_in(corners: Ints, member: int, width: int, of_plane: int, plane: int, together: int, row: int, k: int):
+    """Return where entry k of a row lies."""
+    pixel = plane * PIXELS + k
+    m = row
+    if together > 0:
+        pixel = row
+        m = k
+    return place_of(corners, member, width, of_plane, pixel, m)
 
 
 @wp.func
@@ -81,30 +77,6 @@ def column_of(columns: wp.tile(dtype=wp.float32, shape=(SIDE * SIDE, _THREADS)),
     for k in range(PIXELS):
         column[k] = columns[k, j]
     return column
-
-
-@wp.func
-def same_pixel(
-    planes: wp.array(dtype=wp.float32),
-    pixel: int,
-    corners: wp.array(dtype=wp.int32),
-    first: int,
-    members: int,
-    lane: int,
-    inside: bool,
-    columns: wp.tile(dtype=wp.float32, shape=(SIDE * SIDE, _THREADS)),
-):
-    """Write a pixel of all patches less its mean into a column of each thread's own, and return the mean.
-
-    A loop that is not written out takes few registers. Threads without a pixel write zeros.
-    """
-    total = wp.float32(0.0)
-    for k in range(members):
-        total += planes[pixel + corners[first + k]]
-    mean = total / wp.float32(members)
-    for k in range(members):
-        columns[k, lane] = wp.where(inside, planes[pixel + corners[first + k]] - mean, 0.0)
-    return mean
 
 
 @wp.func
@@ -127,23 +99,61 @@ def weight_of(value: wp.float32, noise: wp.float32, threshold: wp.float32):
     return weight
 
 
-@wp.func
-def weighted(
-    a: Patch,
-    b: Patch,
-    lane: int,
+@wp.kernel(module="unique", module_options={**TILED, "max_unroll": SIDE * SIDE})
+def shrink_groups(
+    planes: Floats,
+    corners: Ints,
+    groups: int,
+    members: int,
+    width: int,
+    of_plane: int,
+    rows: int,
+    columns: int,
+    together: int,
+    threads: int,
     sweeps: int,
     pairs: int,
     noise: wp.float32,
     threshold: wp.float32,
-    uppers: wp.tile(dtype=wp.float32, shape=(SIDE * SIDE, _THREADS)),
-    lowers: wp.tile(dtype=wp.float32, shape=(SIDE * SIDE, _THREADS)),
-    weights: wp.tile(dtype=wp.float32, shape=(2, _THREADS)),
+    sums: wp.array(dtype=wp.int64),
 ):
-    """Find eigenvectors and their weights, in shared memory; of a symmetric matrix each thread has two columns.
+    """Denoise one group of one plane, or of all planes together, and add its patches up. See `low_rank.shrink_group`.
 
-    `pairs` is `PAIRS` again: a loop over a constant would be written out.
+    Patches are rows, or columns where planes are together. `pairs` is `PAIRS` again, `threads` is `B`: a loop over a
+    constant would be written out, as are those over a patch's numbers in registers.
     """
+    block, lane = wp.tid()
+    plane = block // groups
+    member = (block - plane * groups) * members
+    uppers = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
+    lowers = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
+    centred = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
+    weights = wp.tile_zeros(shape=(2, B), dtype=wp.float32, storage="shared")
+    means = wp.tile_zeros(shape=(PIXELS, 1), dtype=wp.float32, storage="shared")
+    own = wp.min(lane, PAIRS - 1)
+    first = plane * PIXELS + own
+    means[own, 0] = mean_of(planes, corners, member, members, width, of_plane, first)
+    means[own + PAIRS, 0] = mean_of(planes, corners, member, members, width, of_plane, first + PAIRS)
+    a = Patch()
+    b = Patch()
+    for start in range(0, rows, threads):
+        # Nobody writes before all have read; all wait whenever an entry is written.
+        wp.tile_assign(weights, wp.tile(wp.vec2(0.0, 0.0)), offset=(0, 0))
+        row = wp.min(start + lane, rows - 1)
+        mean = wp.float32(0.0)
+        if together > 0:
+            mean = mean_of(planes, corners, member, members, width, of_plane, row)
+        for k in range(columns):
+            place = place_in(corners, member, width, of_plane, plane, together, row, k)
+            value = planes[place] - wp.where(together > 0, mean, means[k, 0])
+            centred[k, lane] = wp.where(start + lane < rows, value, 0.0)
+        for j in range(threads):
+            column = column_of(centred, j)
+            a += column * centred[own, j]
+            b += column * centred[own + PAIRS, j]
+    if lane >= PAIRS:
+        a = Patch()
+        b = Patch()
     least = NEGLIGIBLE * noise
     for _sweep in range(sweeps):
         worst = wp.float32(0.0)
@@ -174,143 +184,33 @@ def weighted(
     wp.tile_assign(weights, wp.tile(kept), offset=(0, 0))
     wp.tile_assign(uppers, wp.tile(a / wp.max(of_a, least)), offset=(0, 0))
     wp.tile_assign(lowers, wp.tile(b / wp.max(of_b, least)), offset=(0, 0))
+    for start in range(0, rows, threads):
+        row = wp.min(start + lane, rows - 1)
+        mean = wp.float32(0.0)
+        if together > 0:
+            mean = mean_of(planes, corners, member, members, width, of_plane, row)
+        for k in range(columns):
+            place = place_in(corners, member, width, of_plane, plane, together, row, k)
+            value = planes[place] - wp.where(together > 0, mean, means[k, 0])
+            centred[k, lane] = wp.where(start + lane < rows, value, 0.0)
+        given = column_of(centred, lane)
+        restored = Patch()
+        for j in range(pairs):
+            if weights[0, j] > 0.0:
+                upper = column_of(uppers, j)
+                restored += upper * (weights[0, j] * wp.dot(upper, given))
+            if weights[1, j] > 0.0:
+                lower = column_of(lowers, j)
+                restored += lower * (weights[1, j] * wp.dot(lower, given))
+        wp.tile_assign(centred, wp.tile(restored), offset=(0, 0))
+        if start + lane < rows:
+            for k in range(columns):
+                place = place_in(corners, member, width, of_plane, plane, together, row, k)
+                value = centred[k, lane] + wp.where(together > 0, mean, means[k, 0])
+                wp.atomic_add(sums, place, wp.int64(FIXED * wp.clamp(value, -LARGEST, LARGEST)))
 
 
-@wp.func
-def restored_from(
-    centred: Patch,
-    mean: Patch,
-    pairs: int,
-    uppers: wp.tile(dtype=wp.float32, shape=(SIDE * SIDE, _THREADS)),
-    lowers: wp.tile(dtype=wp.float32, shape=(SIDE * SIDE, _THREADS)),
-    weights: wp.tile(dtype=wp.float32, shape=(2, _THREADS)),
-):
-    """Return the weighted parts of a row along the eigenvectors, and its mean."""
-    restored = mean
-    for j in range(pairs):
-        if weights[0, j] > 0.0:
-            column = column_of(uppers, j)
-            restored += column * (weights[0, j] * wp.dot(column, centred))
-        if weights[1, j] > 0.0:
-            column = column_of(lowers, j)
-            restored += column * (weights[1, j] * wp.dot(column, centred))
-    return restored
-
-
-@wp.func
-def added(sums: wp.array(dtype=wp.int64), pixel: int, value: wp.float32):
-    """Add a value to a sum."""
-    wp.atomic_add(sums, pixel, wp.int64(FIXED * wp.clamp(value, -LARGEST, LARGEST)))
-
-
-@wp.kernel(module="unique", module_options={**TILED, "max_unroll": SIDE * SIDE})
-def shrink_groups(
-    planes: wp.array(dtype=wp.float32),
-    corners: wp.array(dtype=wp.int32),
-    groups: int,
-    members: int,
-    width: int,
-    of_plane: int,
-    sweeps: int,
-    pairs: int,
-    noise: wp.float32,
-    threshold: wp.float32,
-    sums: wp.array(dtype=wp.int64),
-):
-    """Denoise one group of one plane, and add its patches up. See `low_rank.shrink_group`."""
-    block, lane = wp.tid()
-    plane = block // groups
-    base = plane * of_plane
-    member = (block - plane * groups) * members
-    own = wp.min(lane, PAIRS - 1)
-    first = (own // PX) * width + own % PX
-    second = ((own + PAIRS) // PX) * width + (own + PAIRS) % PX
-    mean = mean_patch(planes, base, corners, member, members, width)
-    first_mean = wp.float32(0.0)
-    second_mean = wp.float32(0.0)
-    for m in range(members):
-        corner = base + corners[member + m]
-        first_mean += planes[corner + first]
-        second_mean += planes[corner + second]
-    first_mean = first_mean / wp.float32(members)
-    second_mean = second_mean / wp.float32(members)
-    a = Patch()
-    b = Patch()
-    for m in range(members):
-        corner = base + corners[member + m]
-        centred = patch_at(planes, corner, width) - mean
-        a += centred * (planes[corner + first] - first_mean)
-        b += centred * (planes[corner + second] - second_mean)
-    if lane >= PAIRS:
-        a = Patch()
-        b = Patch()
-    uppers = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
-    lowers = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
-    weights = wp.tile_zeros(shape=(2, B), dtype=wp.float32, storage="shared")
-    weighted(a, b, lane, sweeps, pairs, noise, threshold, uppers, lowers, weights)
-    mean = mean_patch(planes, base, corners, member, members, width)
-    for m in range(lane, members, B):
-        corner = base + corners[member + m]
-        centred = patch_at(planes, corner, width) - mean
-        restored = restored_from(centred, mean, pairs, uppers, lowers, weights)
-        for k in range(PIXELS):
-            added(sums, corner + (k // PX) * width + k % PX, restored[k])
-
-
-@wp.kernel(module="unique", module_options={**TILED, "max_unroll": SIDE * SIDE})
-def shrink_together(
-    planes: wp.array(dtype=wp.float32),
-    corners: wp.array(dtype=wp.int32),
-    pixels: int,
-    members: int,
-    threads: int,
-    width: int,
-    of_plane: int,
-    sweeps: int,
-    pairs: int,
-    noise: wp.float32,
-    threshold: wp.float32,
-    sums: wp.array(dtype=wp.int64),
-):
-    """Denoise one group of all planes by the covariance of its patches, fewer than the pixels of one of them.
-
-    `threads` is `B`, likewise.
-    """
-    block, lane = wp.tid()
-    member = block * members
-    uppers = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
-    lowers = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
-    weights = wp.tile_zeros(shape=(2, B), dtype=wp.float32, storage="shared")
-    rows = wp.tile_zeros(shape=(PIXELS, B), dtype=wp.float32, storage="shared")
-    first = wp.min(lane, PAIRS - 1)
-    a = Patch()
-    b = Patch()
-    for start in range(0, pixels, B):
-        pixel = pixel_at(wp.min(start + lane, pixels - 1), width, of_plane)
-        # Nobody writes before all have read.
-        wp.tile_assign(weights, wp.tile(wp.vec2(0.0, 0.0)), offset=(0, 0))
-        same_pixel(planes, pixel, corners, member, members, lane, start + lane < pixels, rows)
-        wp.tile_assign(weights, wp.tile(wp.vec2(0.0, 0.0)), offset=(0, 0))
-        for j in range(threads):
-            column = column_of(rows, j)
-            a += column * rows[first, j]
-            b += column * rows[first + PAIRS, j]
-    if lane >= PAIRS:
-        a = Patch()
-        b = Patch()
-    weighted(a, b, lane, sweeps, pairs, noise, threshold, uppers, lowers, weights)
-    for start in range(0, pixels, B):
-        pixel = pixel_at(wp.min(start + lane, pixels - 1), width, of_plane)
-        mean = same_pixel(planes, pixel, corners, member, members, lane, start + lane < pixels, rows)
-        centred = column_of(rows, lane)
-        restored = restored_from(centred, Patch(mean), pairs, uppers, lowers, weights)
-        wp.tile_assign(rows, wp.tile(restored), offset=(0, 0))
-        if start + lane < pixels:
-            for k in range(members):
-                added(sums, pixel + corners[member + k], rows[k, lane])
-
-
-ALL: Final[tuple[Any, ...]] = (shrink_groups, shrink_together)
+ALL: Final[tuple[Any, ...]] = (shrink_groups,)
 """For counts and for compiling in advance."""
 THREADS: Final = _THREADS
 
@@ -332,15 +232,15 @@ def denoise_groups_on_device(
     there, at, instead = (torch.from_numpy(np.ascontiguousarray(one)).to(device) for one in (planes, flat, fallback))
     sums = torch.zeros(planes.shape, dtype=torch.int64, device=device)
     arrays = [wp.from_torch(one.view(-1)) for one in (there, at, sums)]
-    place, in_plane = str(arrays[0].device.alias), (width, planes[0].size)
-    if len(planes) > 1 and members < SIDE * SIDE:
-        kernel, blocks, spread = shrink_together, groups, members * len(planes)
-        sizes = (len(planes) * SIDE * SIDE, members, _THREADS)
+    place = str(arrays[0].device.alias)
+    together = len(planes) > 1 and members < SIDE * SIDE
+    if together:
+        spread, blocks, rows, columns = members * len(planes), groups, len(planes) * SIDE * SIDE, members
     else:
-        kernel, blocks, spread, sizes = shrink_groups, groups * len(planes), members, (groups, members)
-    levels = [spread * sigma**2, spread**0.5 * sigma**2]
-    inputs = [*arrays[:2], *sizes, *in_plane, _SWEEPS, int(PAIRS), *levels]
-    Launcher(place).blocks(kernel, blocks, _THREADS, inputs, arrays[2:])
+        spread, blocks, rows, columns = members, groups * len(planes), members, SIDE * SIDE
+    sizes = [groups, members, width, planes[0].size, rows, columns, int(together), _THREADS, _SWEEPS, int(PAIRS)]
+    inputs = [*arrays[:2], *sizes, spread * sigma**2, spread**0.5 * sigma**2]
+    Launcher(place).blocks(shrink_groups, blocks, _THREADS, inputs, arrays[2:])
     numbers = torch.from_numpy(patches_over(corners, (SIDE, SIDE), planes.shape[1:])).to(device)
     mean = (sums.double() / PER_UNIT / numbers.clamp(min=1)).float()
     # What is not finite is so everywhere: as integers it would not be seen.
