@@ -10,6 +10,10 @@ import assert from 'node:assert'
 import { readFileSync } from 'node:fs'
 import { parse } from '@loaders.gl/core'
 import { PLYLoader } from '@loaders.gl/ply'
+process.on('uncaughtException', (error) => {
+  console.error(error.message)
+  process.exit(1)
+})
 
 const version = JSON.parse(readFileSync('node_modules/@loaders.gl/ply/package.json')).version
 const places = ['x', 'y', 'z'].map((name) => `property float ${name}`)

@@ -35,14 +35,13 @@ axes = {
 }
 print(json.dumps([cv2.__version__, axes, list(corners[:, 0].shape)]))
 PY
-for version in 4.13.0.92 5.0.0.93; do
-  python3 -m venv v$version; v$version/bin/pip install --quiet --disable-pip-version-check opencv-python-headless==$version numpy==2.4.6
-  v$version/bin/python look.py > $version.json
-done
+python3 -m venv old; old/bin/pip install --quiet --disable-pip-version-check opencv-python-headless==4.13.0.92 numpy==2.4.6
+python3 -m venv new; new/bin/pip install --quiet --disable-pip-version-check opencv-python-headless==5.0.0.93 numpy==2.4.6
+for version in old new; do $version/bin/python look.py > $version.json; done
 python3 - <<'PY'
 import json
 
-(old, before, points), (new, now, columns) = (json.load(open(f"{version}.json")) for version in ("4.13.0.92", "5.0.0.93"))
+(old, before, points), (new, now, columns) = (json.load(open(f"{version}.json")) for version in ("old", "new"))
 lost = [name for name in before if now[name] < before[name]]
 kept = [name for name in before if now[name] == before[name]]
 print(f"from OpenCV {old} to {new} an axis is lost by", *lost, "and kept by", *kept)

@@ -11,6 +11,10 @@ import { parse } from '@loaders.gl/core'
 import { PLYLoader } from '@loaders.gl/ply'
 import { REVISION } from 'three'
 import { PLYLoader as OfThree } from 'three/examples/jsm/loaders/PLYLoader.js'
+process.on('uncaughtException', (error) => {
+  console.error(error.message)
+  process.exit(1)
+})
 
 const head = ['ply', 'format ascii 1.0', 'element vertex 6', ...['x', 'y', 'z'].map((name) => `property float ${name}`)]
 const corners = ['0 0 0', '1 0 0', '2 1 0', '1 2 0', '0 2 0', '-1 1 0']

@@ -10,6 +10,10 @@ import assert from 'node:assert'
 import { execFileSync } from 'node:child_process'
 import { readFileSync, writeFileSync } from 'node:fs'
 import { loadPly, loadSpz, serializePly, serializeSpz } from 'spz-js'
+process.on('uncaughtException', (error) => {
+  console.error(error.message)
+  process.exit(1)
+})
 
 const written = [100.125, -2000, 2047, -3000, 1e4, -1e4]
 const cloud = {

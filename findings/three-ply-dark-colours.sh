@@ -9,6 +9,10 @@ cat > look.mjs <<'JS'
 import assert from 'node:assert'
 import { REVISION } from 'three'
 import { PLYLoader } from 'three/examples/jsm/loaders/PLYLoader.js'
+process.on('uncaughtException', (error) => {
+  console.error(error.message)
+  process.exit(1)
+})
 
 const greys = Array.from({ length: 256 }, (_, grey) => grey)
 function read(type, values) {

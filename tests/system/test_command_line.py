@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from gs2ci import __version__, cli
 from gs2ci.evaluate.report import read_report
@@ -44,9 +45,10 @@ def typed(monkeypatch, *arguments):
 def measurement(tmp_path_factory):
     """An .npz as the field exchanges them."""
     rng = np.random.default_rng(0)
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    waves = [0.5 + 0.4 * np.sin((x + i) / 3) * np.cos(y / 4) for i in range(VIEWS)]
-    truth = np.repeat(np.stack(waves)[..., None], 3, axis=3).astype(np.float32)
+    picture = gaussian_filter(rng.random((HEIGHT, WIDTH + VIEWS)), 1.2)
+    picture = (picture - picture.min()) / np.ptp(picture)
+    passing = [picture[:, i : i + WIDTH] for i in range(VIEWS)]
+    truth = np.repeat(np.stack(passing)[..., None], 3, axis=3).astype(np.float32)
     masks = (rng.random((VIEWS, HEIGHT, WIDTH)) < 0.4).astype(np.float32)
     camera = np.array([[40.0, 0, WIDTH / 2], [0, 40, HEIGHT / 2], [0, 0, 1]])
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))

@@ -110,9 +110,10 @@ def _missing(device: str, path: str) -> AccessError:
         f"there is no {path}",
         asked="open",
         allowed=", ".join(there) or "none is there now",
-        remedy='check power and cable, and `port` in the rig file. If `dmesg` says "claimed by ch341 (or cp210x) while '
-        "'brltty' sets config\", the program brltty has taken the adapter for a Braille display: remove it (`apt "
-        "remove brltty`) or install its release 6.5 or later, and plug the adapter in again",
+        remedy="check power and cable, and `port` in the rig file; `gs2ci doctor` tries each device. If the kernel's "
+        "log says \"claimed by ch341 (or cp210x) while 'brltty' sets config\", the program brltty has taken the "
+        "adapter for a Braille display: remove it (`apt remove brltty`) or install its release 6.5 or later, and plug "
+        "the adapter in again",
     )
 
 

@@ -67,7 +67,7 @@ class ObservedExposure:
         views = straightened(observed.first.decoded, observed.fits.lens)
         return Untied(self.name, np.clip(views, 0, 1).astype(np.float32, copy=False), observed.first.geometry)
 
-    def in_common(self, common_from_own: Similarity, geometry: Geometry | None = None) -> "Place":
+    def in_common(self, common_from_own: Similarity, geometry: Geometry | None = None) -> "CommonPlace":
         """Return where it is in common coordinates, with its first Gaussians.
 
         Args:
@@ -78,11 +78,11 @@ class ObservedExposure:
         fits, first = observed.fits, observed.first
         look = first if geometry is None else replace(first, geometry=geometry)
         geometry, start = fits.beginning(look, first.decoded)
-        return Place(self.number, placed(geometry, common_from_own), moved(start, common_from_own))
+        return CommonPlace(self.number, placed(geometry, common_from_own), moved(start, common_from_own))
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class CommonPlace:
     """Where an exposure is in common coordinates.
 
     Args:
@@ -101,7 +101,7 @@ class PlacedExposure:
     """An exposure in common coordinates: as it was observed, and where it is."""
 
     of: ObservedExposure
-    at: Place
+    at: CommonPlace
 
     def renderer(self, fits: Fits, backend: Backend) -> ShotRenderer:
         """Return a renderer of its measurement, of which `fits` are."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.exposures.agreement import confirmed, disagreeing
-from gs2ci.reconstruct.exposures.observing import ObservedExposure, Place, PlacedExposure
+from gs2ci.reconstruct.exposures.observing import CommonPlace, ObservedExposure, PlacedExposure
 from gs2ci.reconstruct.exposures.placing import by_stage
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Ties, tie
@@ -32,7 +32,7 @@ class CommonPlaces:
         notes: What else there is to say.
     """
 
-    placed: tuple[Place, ...]
+    placed: tuple[CommonPlace, ...]
     left_out: tuple[Finding, ...] = ()
     notes: tuple[Finding, ...] = ()
 
