@@ -22,7 +22,7 @@ from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows_
 from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, put, store, sum_of_lanes, where_ge
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-# Parts of the groups: enough for the cores of a workstation, as long as their buffers stay within bounds.
+# Parts of the groups: enough for the cores of a workstation, as long as the buffers of a plane stay within bounds.
 _MOST_PARTS: Final = 16
 _BUFFER_BYTES: Final = 128 * 2**20
 
@@ -45,7 +45,7 @@ def denoise_groups(planes: F32, corners: NDArray[np.int32], patch: tuple[int, in
     if len(planes) > 1 and corners.shape[1] >= patch[0] * patch[1]:
         each = (slice(c, c + 1) for c in range(len(planes)))
         return np.concatenate([denoise_groups(planes[c], corners, patch, sigma, fallback[c]) for c in each])
-    parts = int(np.clip(_BUFFER_BYTES // planes.nbytes, 2, _MOST_PARTS))
+    parts = int(np.clip(_BUFFER_BYTES // planes[0].nbytes, 2, _MOST_PARTS))
     sums, denoised = np.zeros((parts, *planes.shape), np.float32), np.empty_like(planes)
     in_parts(_shrink_all, parts, planes, corners, patch, np.float32(sigma), sums)
     numbers = patches_over(corners, patch, planes.shape[1:])
