@@ -18,7 +18,7 @@ from gs2ci.core.records import Shot
 # The program with its libraries, MiB; bytes of a pixel of a view: of the exposure in work, and of every exposure.
 _BASE_MIB: Final = 650
 _IN_WORK_BYTES: Final = 450
-_EACH_BYTES: Final = 180
+_EACH_BYTES: Final = 205
 
 
 def foreseen_mib(shots: Sequence[Shot]) -> int:
