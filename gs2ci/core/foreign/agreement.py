@@ -198,7 +198,8 @@ def check_truth(
     """
     model = coding.forward(views, cfa)
     scale, residual = fit(measurement, model)
-    above = float(measurement.mean()) - _slope(measurement, model) * float(model.mean())
+    slope, _ = fit(measurement, model - model.mean())
+    above = float(measurement.mean()) - slope * float(model.mean())
     lifted, beside = fit(measurement - above, model)
     if beside * float(np.linalg.norm(measurement - above)) < _BY_AN_OFFSET * residual * np.linalg.norm(measurement):
         guesses.append(
@@ -222,13 +223,6 @@ def check_truth(
     word = "WARNING: the truth does not explain" if residual >= grey else "truth: explains only roughly"
     guesses.append(f"{word} the measurement (relative residual {residual:.2f}, of even views {grey:.2f})")
     return None
-
-
-def _slope(measurement: F64, model: F64) -> float:
-    """Return by how much a measurement grows with a model of its shape, whatever lies below both."""
-    varied = model - model.mean()
-    energy = float((varied**2).sum())
-    return float((varied * measurement).sum()) / energy if energy > 0 else 0.0
 
 
 def _snapped(scale: float, views: int) -> float:

@@ -24,6 +24,7 @@ from typing import Final, TypeGuard
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
@@ -198,7 +199,7 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
 
 def _line_of(geometry: Geometry) -> F64:
     """Return the direction, [3], of either sign, along which a path is longest, as its reference camera sees it."""
-    centres = np.linalg.inv(geometry.world_to_camera)[:, :3, 3]
+    centres = camera_centres(geometry.world_to_camera)
     return np.asarray(np.linalg.svd(centres - centres.mean(axis=0))[2][0])
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import fdtrc, fdtri
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, RIDGE, in_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks, ridged
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # The same blocks, displaced by half a block down and to the right: a place belongs to four blocks, fewer at the border.
@@ -125,9 +125,7 @@ def replaced(views: F32, other: F32, where: F32) -> F32:
 def _of_whole_views(left: F32, coded: F32, asked: Bool) -> F32:
     """Return the part of a residual, [H, W], that brighter or darker whole views explain; their light: [N, H, W]."""
     light = coded[:, asked].astype(np.float64)
-    gram = light @ light.T
-    gram += np.eye(len(gram)) * max(RIDGE * np.trace(gram) / len(gram), np.finfo(np.float64).tiny)
-    gains = np.linalg.solve(gram, light @ left[asked].astype(np.float64))
+    gains = np.linalg.solve(ridged(light @ light.T), light @ left[asked].astype(np.float64))
     return np.tensordot(gains.astype(np.float32), coded, axes=1)
 
 
@@ -177,13 +175,11 @@ def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
     residuals = residuals - (common * residuals).sum(axis=1, keepdims=True) / power * common
     design = design - (common * design).sum(axis=1, keepdims=True) / power * common
     gram = design.swapaxes(1, 2) @ design
-    trace = np.trace(gram, axis1=1, axis2=2) / unknowns
-    gram += np.eye(unknowns) * np.maximum(RIDGE * trace, np.finfo(np.float64).tiny)[:, None, None]
     moments = design.swapaxes(1, 2) @ residuals
-    offsets = np.linalg.solve(gram, moments)
+    offsets = np.linalg.solve(ridged(gram), moments)
     gained, whole = (offsets * moments).sum(axis=1), (residuals**2).sum(axis=1)
     freedom = np.maximum(pixels - unknowns - 1, 1)
-    testable = (pixels >= max(_LEAST_PIXELS, 2 * unknowns)) & (trace > 0)
+    testable = (pixels >= max(_LEAST_PIXELS, 2 * unknowns)) & (np.trace(gram, axis1=1, axis2=2) > 0)
     rest = np.maximum(whole - gained, np.finfo(np.float64).eps * whole)
     ratio = np.where(whole > 0, gained / unknowns * freedom[:, None] / np.where(whole > 0, rest, 1), 0).clip(0)
     power_of_offsets = (offsets[..., 0] ** 2).sum(axis=1)
