@@ -99,6 +99,7 @@ class PoseCorrections:
         self._twists = torch.zeros(len(world_to_camera), 6, requires_grad=settings.refine)
         self._adam = Adam() if settings.refine else None
         self._accumulated = 0
+        self._now: RigidMotions | None = None
 
     def world_to_camera(self) -> Tensor:
         """Return the corrected poses, [N, 4, 4] float32."""
@@ -123,7 +124,10 @@ class PoseCorrections:
         self._twists.grad += torch.from_numpy(by_twists) * self._units
 
     def _corrections(self) -> RigidMotions:
-        return RigidMotions((self._units.double() * self._twists.detach()).numpy())
+        """Return the present corrections, computed once after each change of the twists."""
+        if self._now is None:
+            self._now = RigidMotions((self._units.double() * self._twists.detach()).numpy())
+        return self._now
 
     def penalty(self) -> Tensor | float:
         """Return the cost of the corrections by the prior on given poses, [] (see `PoseSettings.given_weight`)."""
@@ -146,6 +150,7 @@ class PoseCorrections:
         self._twists.grad /= self._accumulated
         rates = self._settings
         self._adam.step(self._twists, rates.rate * (rates.final_rate / rates.rate) ** progress * damping)
+        self._now = None
         self.forget_gradient()
 
     def forget_gradient(self) -> None:
@@ -177,6 +182,7 @@ class PoseCorrections:
         """Go back to a snapshot, [N, 6]; the optimiser forgets its momentum, which led away from it."""
         with torch.no_grad():
             self._twists.copy_(twists)
+        self._now = None
         self.forget_gradient()
         if self._adam is not None:
             self._adam = Adam()
