@@ -218,25 +218,22 @@ class ShotRenderer:
     def _when(self, scene: Gaussians, times: Tensor | None) -> Tensor | None:
         return self.times if times is None and scene.motion is not None else times
 
-    def stopped_light(self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None) -> StoppedLight:
-        """Find at which depths the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
-        scene = scene.detach()
+    def stopped_light(
+        self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None, *, some: bool = False
+    ) -> StoppedLight:
+        """Find at which depths the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`.
+
+        `some`: of one pixel in 16, for the range of depth.
+        """
+        scene, sampling = scene.detach(), self._here_and_there if some else self._sampling
+        size = self.size if sampling is None else sampling.size
         poses = torch.from_numpy(np.asarray(world_to_camera)).float().to(scene.means.device)
         when = self._when(scene, times)
-        return self._backend.depths(scene, poses, self.intrinsics, self.size, self._sampling, times=when)
+        return self._backend.depths(scene, poses, self.intrinsics, size, sampling, times=when)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render depths along the optical axis, [V, H, W]; zero at pixels where less than half of the light stops."""
         found: F32 = self.stopped_light(scene, world_to_camera).surface().cpu().numpy()
-        return found
-
-    def some_depths(self, scene: Gaussians, world_to_camera: F64, times: Tensor) -> F32:
-        """Render depths as `depths` at one pixel in 16, [V, h, w], for the range of depth; `times` as for `views`."""
-        scene, sampling = scene.detach(), self._here_and_there
-        poses = torch.from_numpy(np.asarray(world_to_camera)).float().to(scene.means.device)
-        when = self._when(scene, times)
-        light = self._backend.depths(scene, poses, self.intrinsics, sampling.size, sampling, times=when)
-        found: F32 = light.surface().cpu().numpy()
         return found
 
     @cached_property

@@ -18,8 +18,6 @@ INVERSE_DEPTH_RANGE = (0.02, 20.0)
 # actual entries, which are in squared pixels.
 REGULAR = 1e-9
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
-# A smaller turn, radians, is its own sine in float64.
-_NO_TURN = 1e-9
 
 
 @kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, fastmath=EXACT)
@@ -137,49 +135,41 @@ def depth_steps(C: F64, d: F64, E: F64, pose_step: F64) -> F64:
     """Solve for the inverse depths once the poses are known: C⁻¹ (d − Eᵀ step), [P]."""
     steps = np.empty_like(d)
     for p in range(len(C)):
-        rest = d[p]
-        for m in range(len(pose_step)):
-            rest -= E[p, m] * pose_step[m]
-        steps[p] = rest / C[p]
+        steps[p] = (d[p] - (E[p] * pose_step).sum()) / C[p]
     return steps
 
 
 @helper(fastmath=EXACT)
-def _turned(rotation: F64, turn: F64) -> F64:
-    """Return exp([turn]×) times a rotation, [3, 3] (Rodrigues)."""
-    angle = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-    along, across = 1.0, 0.5
-    if angle > _NO_TURN:
-        along, across = np.sin(angle) / angle, 2.0 * (np.sin(0.5 * angle) / angle) ** 2
-    found = np.empty((3, 3))
+def _cross(a, b):
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@helper(fastmath=EXACT)
+def _turn(rotation: F64, turn: F64) -> None:
+    """Turn a rotation, [3, 3], in place, by a small turn, [3]: half of it is taken for the tangent of its half."""
+    half = 0.5 * turn
+    share = 2 / (1 + half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     for c in range(3):
-        x, y, z = rotation[0, c], rotation[1, c], rotation[2, c]
-        a, b, d = turn[1] * z - turn[2] * y, turn[2] * x - turn[0] * z, turn[0] * y - turn[1] * x
-        found[0, c] = x + along * a + across * (turn[1] * d - turn[2] * b)
-        found[1, c] = y + along * b + across * (turn[2] * a - turn[0] * d)
-        found[2, c] = z + along * d + across * (turn[0] * b - turn[1] * a)
-    return found
+        across = _cross(half, rotation[:, c])
+        rotation[:, c] += share * (across + _cross(half, across))
 
 
 @helper(fastmath=EXACT)
 def _moved(rotations, translations, inverse_depth, A, b, C, d, E, damping):
     """Solve damped normal equations and move; inverse depths stay within their range. False: they have no solution."""
-    damped, points = A.copy(), np.empty_like(C)
+    damped, points = A.copy(), C * (1 + damping) + REGULAR
     for i in range(len(A)):
         for m in range(6):
             damped[i, m, m] += damping * A[i, m, m] + REGULAR
-    for p in range(len(C)):
-        points[p] = C[p] * (1 + damping) + REGULAR
     # The reference view sees nothing, so that its step is 0.
     system, step = eliminate_depths(damped, b, points, d, E)
     solved = solve_symmetric(system, step)
-    depths = depth_steps(points, d, E, step)
-    R, t = np.empty_like(rotations), np.empty_like(translations)
+    R, t = rotations.copy(), translations.copy()
     for i in range(len(A)):
-        R[i] = _turned(rotations[i], step[6 * i : 6 * i + 3])
-        t[i] = translations[i] + step[6 * i + 3 : 6 * i + 6]
-    for p in range(len(C)):
-        depths[p] = min(max(inverse_depth[p] + depths[p], INVERSE_DEPTH_RANGE[0]), INVERSE_DEPTH_RANGE[1])
+        _turn(R[i], step[6 * i : 6 * i + 3])
+        t[i] += step[6 * i + 3 : 6 * i + 6]
+    least, most = INVERSE_DEPTH_RANGE
+    depths = np.minimum(np.maximum(inverse_depth + depth_steps(points, d, E, step), least), most)
     return solved, R, t, depths
 
 

@@ -100,15 +100,12 @@ class DisplacedBlocks:
         travels = np.stack([np.stack([one, zero, -x], axis=1), np.stack([zero, one, -y], axis=1)], axis=1)
         turns = np.stack([np.stack([-x * y, 1 + x * x, -y], axis=1), np.stack([-1 - y * y, x * y, x], axis=1)], axis=1)
         self._degrees = len(displaced.over_time)
-        each = np.eye(self._degrees)
-
-        def whitened(ways: F64) -> F64:
-            """Return whitened displacements by each of moves, [B, 2 F, 3 F], from those along each axis, [B, 2, 3]."""
-            of_each = np.einsum("fg,i,bij->bfigj", each, focal_px, ways)
-            return np.asarray(whiten @ of_each.reshape(count, size, 3 * self._degrees))
-
-        self._px = np.einsum("bij,bj->bi", whiten, displaced.px)
-        self._travels, self._turns = whitened(travels), whitened(turns)
+        ways = np.concatenate([travels, turns], axis=2)
+        of_each = np.einsum("fg,i,bij->bfigj", np.eye(self._degrees), focal_px, ways).reshape(count, size, -1)
+        # Whitened displacements, and their derivatives by the travels and the turns of moves, [B, 2 F, 6 F].
+        self._px, by_moves = np.einsum("bij,bj->bi", whiten, displaced.px), whiten @ of_each
+        travels = np.arange(by_moves.shape[2]) % 6 < 3
+        self._by_travels, self._by_turns = by_moves * travels, by_moves * ~travels
 
     def __len__(self) -> int:
         """Get the number of blocks."""
@@ -138,20 +135,20 @@ class DisplacedBlocks:
 
     def _searched(self, start: F64, free: tuple[slice, slice]) -> BlockMotion:
         """Search for some of the moves, [F, 6], near a start, and keep the others."""
+        columns = np.arange(start.size).reshape(start.shape)[free].ravel()
 
         def moves(found: F64) -> F64:
             moved = start.copy()
-            moved[free] = found.reshape(start[free].shape)
+            moved.flat[columns] = found
             return moved
 
         def errors(found: F64) -> F64:
             return self._errors(moves(found))[0]
 
         def derivative(found: F64) -> F64:
-            by_moves = self._derivative(moves(found))
-            return by_moves[:, *free].reshape(len(by_moves), -1)
+            return self._derivative(moves(found))[:, columns]
 
-        found = moves(least_squares(errors, start[free].ravel(), derivative, max_nfev=100, x_scale="jac").x)
+        found = moves(least_squares(errors, start.flat[columns], derivative, max_nfev=100, x_scale="jac").x)
         return BlockMotion(found, *self._errors(found)[1:])
 
     def _starts(self) -> list[F64]:
@@ -183,7 +180,7 @@ class DisplacedBlocks:
 
     def _along(self, moves: F64) -> F64:
         """Return whitened displacements by the travel of moves, [F, 6], at an inverse depth of 1, [B, 2 F]."""
-        return np.asarray(self._travels @ moves[:, :3].ravel(), np.float64)
+        return np.asarray(self._by_travels @ moves.ravel(), np.float64)
 
     def _start(self, travel_px: F64, turn_px: F64) -> F64:
         """Return even motion, [F, 6], that displaces the middle of the picture by so much by travel, and by turning."""
@@ -192,43 +189,33 @@ class DisplacedBlocks:
         moves[0, 3:5] = -turn_px[1] / self._focal_px[1], turn_px[0] / self._focal_px[0]
         return moves
 
-    def _explained(self, moves: F64) -> tuple[F64, F64, F64]:
-        """Return what turns leave and what travel explains at inverse depth 1, [B, 2 F]; best inverse depths, [B]."""
-        left, along = self._px - self._turns @ moves[:, 3:].ravel(), self._along(moves)
+    def _explained(self, moves: F64) -> tuple[F64, F64, F64, F64]:
+        """Return what turns leave, what travel explains at inverse depth 1, [B, 2 F], best depths, and errors."""
+        left, along = self._px - self._by_turns @ moves.ravel(), self._along(moves)
         depth = ((along * left).sum(axis=1) + _TIGHT) / ((along**2).sum(axis=1) + _TIGHT)
-        return left, along, depth
+        depth = np.clip(depth, *_DEPTH_RANGE)
+        return left, along, depth, np.column_stack([left - depth[:, None] * along, (depth - 1) / _DEPTH_SPREAD])
 
     def _errors(self, moves: F64) -> tuple[F64, F64, F64]:
         """Return what moves, [F, 6], are off by: errors to be squared and added; inverse depths and costs, [B]."""
-        left, along, depth = self._explained(moves)
-        depth = np.clip(depth, *_DEPTH_RANGE)
-        errors = np.column_stack([left - depth[:, None] * along, (depth - 1) / _DEPTH_SPREAD])
+        _, _, depth, errors = self._explained(moves)
         off = (errors**2).sum(axis=1)
         weight = 2 / (1 + np.sqrt(1 + off / _OUTLIER**2))
         return (errors * np.sqrt(weight)[:, None]).ravel(), depth, weight * off
 
     def _derivative(self, moves: F64) -> F64:
-        """Return the derivative of these errors by moves, [errors, F, 6]."""
-        left, along, depth = self._explained(moves)
-        shape = (*along.shape, self._degrees)
-        none = np.zeros((*shape, 3))
-        by_travel = np.concatenate([self._travels.reshape(*shape, 3), none], axis=3)
-        by_turn = np.concatenate([none, self._turns.reshape(*shape, 3)], axis=3)
-        least, most = _DEPTH_RANGE
-        free = ((depth > least) & (depth < most)) / ((along**2).sum(axis=1) + _TIGHT)
-        by_depth = np.einsum("bi,bifk->bfk", left - 2 * depth[:, None] * along, by_travel)
-        by_depth = free[:, None, None] * (by_depth - np.einsum("bi,bifk->bfk", along, by_turn))
-        depth = np.clip(depth, least, most)
-        errors = np.column_stack([left - depth[:, None] * along, (depth - 1) / _DEPTH_SPREAD])
-        by_moves = -by_turn - depth[:, None, None, None] * by_travel - along[:, :, None, None] * by_depth[:, None]
-        by_moves = np.concatenate([by_moves, by_depth[:, None] / _DEPTH_SPREAD], axis=1)
+        """Return the derivative of these errors by moves, [errors, 6 F]."""
+        left, along, depth, errors = self._explained(moves)
+        free = ((depth > _DEPTH_RANGE[0]) & (depth < _DEPTH_RANGE[1])) / ((along**2).sum(axis=1) + _TIGHT)
+        by_depth = np.einsum("bi,bik->bk", left - 2 * depth[:, None] * along, self._by_travels)
+        by_depth = free[:, None] * (by_depth - np.einsum("bi,bik->bk", along, self._by_turns))
+        by_left = -self._by_turns - depth[:, None, None] * self._by_travels - along[..., None] * by_depth[:, None]
+        by_moves = np.concatenate([by_left, by_depth[:, None] / _DEPTH_SPREAD], axis=1)
         root = np.sqrt(1 + (errors**2).sum(axis=1) / _OUTLIER**2)
         # The weight is √(2 / (1 + root)); its logarithm falls by this with half of the squares' sum.
-        falls = 1 / (2 * _OUTLIER**2 * root * (1 + root))
-        by_off = np.einsum("bi,bifk->bfk", errors, by_moves)
-        by_moves -= errors[:, :, None, None] * (falls[:, None, None] * by_off)[:, None]
-        by_moves *= np.sqrt(2 / (1 + root))[:, None, None, None]
-        return np.asarray(by_moves.reshape(-1, self._degrees, 6))
+        falls = errors / (2 * _OUTLIER**2 * root * (1 + root))[:, None]
+        by_moves -= falls[..., None] * np.einsum("bi,bik->bk", errors, by_moves)[:, None]
+        return (by_moves * np.sqrt(2 / (1 + root))[:, None, None]).reshape(-1, moves.size)
 
 
 def displaced_motion(request: Request, tracks: Geometry) -> Geometry:

@@ -83,7 +83,7 @@ def test_a_path_and_its_depths_follow_from_displacements_of_blocks():
 def test_the_derivative_of_the_errors_is_that_of_finite_differences():
     made, step = blocks(displaced_by(path(turn_deg=(0.3, -0.8, 0)), depths())), 1e-6
     moves = made.motion().moves * 1.3
-    derivative = made._derivative(moves)
+    derivative = made._derivative(moves).reshape(-1, *moves.shape)
     for place in np.ndindex(moves.shape):
         nudge = np.zeros_like(moves)
         nudge[place] = step
