@@ -116,15 +116,10 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
     depth = DepthErrors(**found["depth"]) if found["depth"] else None
     if path.get("reversed"):
-        in_order = depth is not None and depth.is_in_order
-        said.append(
-            (
-                "order",
-                "the true poses contradict the true depth: are they camera-to-world, or in reverse order?"
-                if in_order
-                else "inside out: the path runs backwards, near and far are exchanged",
-            )
-        )
+        order = "inside out: the path runs backwards, near and far are exchanged"
+        if depth is not None and depth.rank_in_order is not None:
+            order = "the true poses contradict the true depth: are they camera-to-world, or in reverse order?"
+        said.append(("order", order))
     if depth is not None:
         said.append(("depth", ", ".join(depth.in_words())))
     said.append(("residual", f"{found['residual']['rms']:.4f} rms of full scale"))

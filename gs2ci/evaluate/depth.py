@@ -57,9 +57,9 @@ class DepthErrors:
     far_off_share: Number | None
 
     @property
-    def is_in_order(self) -> bool:
-        """Get whether near and far are clearly as in the truth."""
-        return self.rank is not None and self.rank > _IN_ORDER
+    def rank_in_order(self) -> float | None:
+        """Get the rank correlation if near and far are clearly as in the truth."""
+        return self.rank if self.rank is not None and self.rank > _IN_ORDER else None
 
     def in_words(self) -> tuple[str, str]:
         """Return the most important figure, and the others."""

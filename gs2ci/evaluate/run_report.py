@@ -116,8 +116,7 @@ def _trajectory(
     errors = trajectory_errors(result.world_to_camera, truth)
     said = [finding(_FREE[errors.free])] if errors.free in _FREE else []
     if errors.reversed:
-        in_order = depth is not None and depth.is_in_order
-        said.append(
-            finding(Code.TRUE_PATH_CONTRADICTED, rank=depth.rank) if in_order else finding(Code.TRUE_PATH_REVERSED)
-        )
+        rank = None if depth is None else depth.rank_in_order
+        reversed_ = finding(Code.TRUE_PATH_REVERSED)
+        said.append(reversed_ if rank is None else finding(Code.TRUE_PATH_CONTRADICTED, rank=rank))
     return errors, tuple(said)
