@@ -12,7 +12,7 @@ from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
-from gs2ci_drivers.genicam.leftovers import DEBOUNCERS, Leftovers
+from gs2ci_drivers.genicam.leftovers import DEBOUNCERS, SHUTTERS, Leftovers
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.ports import CameraIdentity, Feature
@@ -158,6 +158,8 @@ class GenicamSetup:
             stride=0,
             buffers=config.buffers,
             trigger_delay_s=self._delay_s(config.trigger),
+            link_s=self._link_s(exposure_s + readout_s),
+            rows_s=readout_s if self._rolls() else 0.0,
             recorded=recorded,
         )
         return self.settings
@@ -367,6 +369,30 @@ class GenicamSetup:
             asked=f"trigger mode {trigger.value}",
             remedy="set `readout_s` in [sensor] from the camera's data sheet",
         )
+
+    def _link_s(self, taken_s: float) -> float:
+        """Return how long a frame takes over a link that is limited; 0 if no limit is told. Note one that slows down.
+
+        Args:
+            taken_s: How long exposure and readout of a frame take.
+        """
+        features = self._features
+        limit, size = features.number("DeviceLinkThroughputLimit"), features.number("PayloadSize")
+        off = features.has("DeviceLinkThroughputLimitMode") and features.read("DeviceLinkThroughputLimitMode") == "Off"
+        if not limit or not size or off:
+            return 0.0
+        link_s = size / limit
+        if link_s > taken_s:
+            self._incidents.append(
+                f"{self._device}: DeviceLinkThroughputLimit is {limit / 1e6:g} MB/s: a frame takes {link_s * 1e3:.3g} "
+                f"ms to leave the camera, longer than the {taken_s * 1e3:.3g} ms of its exposure and readout, and "
+                "earlier triggers would be lost; plans keep to it, [sensor.features] can raise it"
+            )
+        return link_s
+
+    def _rolls(self) -> bool:
+        found = self._features.first(SHUTTERS)
+        return found is not None and found[1].readable and str(self._features.read(found[0])).startswith("Rolling")
 
     def _highest_rate_hz(self) -> float | None:
         """Return the frame rate that the camera computes for its shortest exposure; None if it computes none.
