@@ -254,8 +254,8 @@ def find_surfaces(
     """
     count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
-    # The depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
-    span = _span(renderer.stopped_light(scene, *middle).surface().cpu().numpy())
+    # Some depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
+    span = _span(renderer.stopped_light(scene, *middle, some=True).surface().cpu().numpy())
     extent = path_extent(world_to_camera)
     if count < 2 or span is None or extent == 0:
         return None
