@@ -24,11 +24,15 @@ _EPSILON: Final = 1e-15
 
 @dataclass(eq=False)
 class Adam:
-    """The number of steps made, and the moments of one parameter's gradients; None before the first."""
+    """The number of steps made, and the moments of one parameter's gradients; None before the first.
+
+    `decay` is that of the mean from step to step.
+    """
 
     steps: int = 0
     mean: Tensor | None = None
     square: Tensor | None = None
+    decay: float = DECAY
 
     def resume(self, other: "Adam", device: torch.device | None = None) -> None:
         """Go on from the moments of another, on a device; None: where they are."""
@@ -59,8 +63,8 @@ class Adam:
         self.steps += 1
         numbers = [one.view(-1) for one in (values, gradient, self.mean, self.square)]
         constants = (
-            *(1 - DECAY, SQUARE_DECAY, 1 - SQUARE_DECAY),
-            *((1 - SQUARE_DECAY**self.steps) ** -0.5, _EPSILON, rate / (1 - DECAY**self.steps)),
+            *(1 - self.decay, SQUARE_DECAY, 1 - SQUARE_DECAY),
+            *((1 - SQUARE_DECAY**self.steps) ** -0.5, _EPSILON, rate / (1 - self.decay**self.steps)),
         )
         if values.dtype == torch.float32:
             call(adam_step, *numbers, np.array(constants, np.float32))

@@ -11,7 +11,7 @@ from typing import Final
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.optimiser.adam import Adam
+from gs2ci.reconstruct.fit.optimiser.adam import DECAY, Adam
 from gs2ci.reconstruct.fit.optimiser.poses import LengthUnit
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView, ViewAdam, ViewSteps
 from gs2ci.render.gaussians import Gaussians, all_finite
@@ -46,6 +46,8 @@ class StepSizes:
             the end. Not in units of the path: how far things move has nothing to do with how far the camera does.
         harmonics: Of the direction-dependent part of colours: a twentieth of the colours' step, both as coefficients of
             harmonics, as in Kerbl et al. (2023).
+        momentum: By what Adam's mean gradient decays from iteration to iteration. The mean lags behind by
+            1 / (1 − momentum) iterations, which is long beside a short schedule (docs/decisions/steps.md).
     """
 
     means: float = 1.28e-2
@@ -58,17 +60,20 @@ class StepSizes:
     motion_px: float = 0.2
     harmonics: float = 6.6e-4
     in_view: ViewSteps | None = field(default_factory=ViewSteps)
+    momentum: float = DECAY
 
     @classmethod
     def of_schedule(cls, iterations: int) -> "StepSizes":
         """Return the steps of a schedule of so many iterations.
 
-        They grow with the square root of the ratio of `NATURAL_ITERATIONS` to its length, up to `LARGEST_STRIDE`.
+        They grow with the square root of the ratio of `NATURAL_ITERATIONS` to its length, up to `LARGEST_STRIDE`; as
+        much fewer are the iterations by which the mean gradient lags behind.
         """
         stride = min(LARGEST_STRIDE, max(1.0, (NATURAL_ITERATIONS / iterations) ** 0.5))
         natural = cls()
         in_view = None if natural.in_view is None else natural.in_view.times(stride)
-        return replace(natural, in_view=in_view, **{name: getattr(natural, name) * stride for name in _STRETCHED})
+        longer = {name: getattr(natural, name) * stride for name in _STRETCHED}
+        return replace(natural, in_view=in_view, momentum=1 - (1 - natural.momentum) * stride, **longer)
 
     @classmethod
     def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
@@ -119,7 +124,7 @@ class GaussianOptimiser:
 
     def _begin(self) -> None:
         """Begin with moments of zero."""
-        self._adam = {name: Adam() for name in self.scene.parameters()}
+        self._adam = {name: Adam(decay=self._sizes.momentum) for name in self.scene.parameters()}
         self._in_view: ViewAdam | None = None
         if self._view is not None and self._sizes.in_view is not None:
             self._in_view = ViewAdam(self._view, self._sizes.in_view, self._adam["means"])
@@ -175,7 +180,7 @@ class GaussianOptimiser:
         added = self.scene.means.new_zeros((len(self.scene), columns - had, 3))
         held = [] if self.scene.harmonics is None else [self.scene.harmonics.detach()]
         self.scene = replace(self.scene, harmonics=torch.cat([*held, added], dim=1).requires_grad_(True))
-        self._adam.setdefault("harmonics", Adam()).widen(columns)
+        self._adam.setdefault("harmonics", Adam(decay=self._sizes.momentum)).widen(columns)
 
     def shift(self, means: Tensor) -> None:
         """Move the means by so much, [G, 3], without changing Adam's moments."""

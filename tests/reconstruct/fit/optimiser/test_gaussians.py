@@ -24,12 +24,14 @@ def pushed(scene, steps, sizes=None):
     return optimiser
 
 
-def test_it_is_plain_adam_while_the_population_stays(scattered):
-    scene, sizes = scattered(7), StepSizes()
-    optimiser = pushed(scene, 5)
+@pytest.mark.parametrize("momentum", [0.9, 0.7])
+def test_it_is_plain_adam_while_the_population_stays(scattered, momentum):
+    scene, sizes = scattered(7), StepSizes(momentum=momentum)
+    optimiser = pushed(scene, 5, sizes)
     plain = {name: tensor.clone() for name, tensor in scene.parameters().items()}
     rates = {name: getattr(sizes, name) for name in NAMES}
-    adam = torch.optim.Adam([{"params": [plain[name]], "lr": rates[name]} for name in NAMES], eps=1e-15)
+    groups = [{"params": [plain[name]], "lr": rates[name]} for name in NAMES]
+    adam = torch.optim.Adam(groups, betas=(momentum, 0.999), eps=1e-15)
     for i in range(5):
         draw = torch.Generator().manual_seed(i)
         adam.param_groups[0]["lr"] = sizes.means * EXTENT * sizes.means_final_share ** (i / 10)
@@ -38,6 +40,11 @@ def test_it_is_plain_adam_while_the_population_stays(scattered):
         adam.step()
     for name in NAMES:
         torch.testing.assert_close(getattr(optimiser.scene, name).detach(), plain[name], rtol=1e-5, atol=1e-7)
+
+
+def test_the_mean_gradient_lags_behind_by_fewer_iterations_where_steps_are_longer():
+    assert StepSizes.of_schedule(150).momentum == pytest.approx(0.8)
+    assert StepSizes.of_schedule(600).momentum == StepSizes.of_the_literature().momentum == 0.9
 
 
 def test_a_step_clears_the_gradients_and_leaves_the_given_scene_alone(scattered):
