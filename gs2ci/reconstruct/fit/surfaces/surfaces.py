@@ -85,7 +85,7 @@ class SurfaceSettings(Bounded):
         depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
     """
 
-    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.55, 5e-2, 1e-3))
+    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3))
     every: PositiveInt = 2
     views: Annotated[int, Field(ge=2)] = 4
     others: Annotated[int, Field(ge=2)] = 4
