@@ -9,7 +9,7 @@ share (`classic.py`).
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -60,6 +60,7 @@ class PopulationChange:
     forget: frozenset[str] = frozenset()
 
 
+@runtime_checkable
 class DensityRule(Protocol):
     """Decides where Gaussians are added and removed, and whether they are shaken in between."""
 
