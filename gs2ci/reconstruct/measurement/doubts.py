@@ -143,9 +143,10 @@ def _doubts_about_differences(shot: Shot, bright: Bool) -> list[Finding]:
     mean = float(shot.masks.mean(dtype=np.float64))
     share = float(np.sqrt(shot.masks.var(axis=0, dtype=np.float64).mean())) / mean if mean > 0 else np.inf
     little = [finding(Code.MASKS_DIFFER_LITTLE, share=share)] if share < _DIFFER_LITTLE else []
-    told = None if repeated or little else told_modes(shot.masks[bright].reshape(-1, shot.lit.size))
-    pairs = [] if told is None else [finding(Code.MASKS_IN_PAIRS, untold=int(len(told) - told.shape[1]), of=len(told))]
-    return [*repeated, *little, *pairs]
+    if repeated or little or not bright.any():
+        return [*repeated, *little]
+    views, told = told_modes(shot.masks[bright].reshape(-1, shot.lit.size)).shape
+    return [finding(Code.MASKS_IN_PAIRS, untold=views - told, of=views)] if told < views else []
 
 
 def doubts_about_result(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
