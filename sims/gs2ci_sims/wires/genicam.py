@@ -84,6 +84,9 @@ class GenicamModel(ShutterModel):
         debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
             lasted for that long, so that edges act later by as much and shorter pulses are lost
             (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
+        line_left: LineMode and LineInverter of each line, as another program has left them; None: it has no such
+            features. An inverter turns edges round before anything else ("after any processing by the line inverter
+            module", Teledyne Linea HS manual), and an output takes none.
         shutters: Entries of SensorShutterMode, that at power-up first; none: it has no such feature. Behind "Rolling"
             each quarter of the rows begins and ends later than the one above it, the last one by `readout_s`.
         link: DeviceLinkThroughputLimit in bytes a second and its mode, as another program has left them; None: it has
@@ -116,6 +119,7 @@ class GenicamModel(ShutterModel):
     auto_gain: float = 0.0
     processing: bool = False
     debouncer_us: tuple[float, float] | None = None
+    line_left: tuple[Literal["Input", "Output"], bool] | None = None
     shutters: tuple[str, ...] = ()
     link: tuple[int, Literal["On", "Off"]] | None = None
 
@@ -195,7 +199,10 @@ class GenicamTwin:
             rng=rng or np.random.default_rng(0),
             exposure_s=self._exposure_s,
             deliver=self._deliver,
-            active_low=lambda: self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge",
+            active_low=lambda: (
+                (self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge")
+                != bool(self._of_line("LineInverter", absent=False))
+            ),
             delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
             least_period_s=self._least_period_s,
             debounce_s=self._debounce_s,
@@ -290,7 +297,10 @@ class GenicamTwin:
             return buffers  # the camera waits for another kind of trigger, which is never sent
         if self._trigger("TriggerMode", "Off") == "Off":
             self._shutter.start(Shutting.FREE)
-        elif self._trigger("TriggerSource", "") == self.model.trigger_input:
+        elif (
+            self._trigger("TriggerSource", "") == self.model.trigger_input
+            and self._of_line("LineMode", absent="Input") == "Input"
+        ):
             gated = self.nodes.read("ExposureMode") == "TriggerWidth"
             how = Shutting.LEVEL if gated else Shutting.EDGE
             self._clock.after(self.model.ready_s, lambda: self._shutter.start(how) if self.streaming else None)
@@ -386,6 +396,10 @@ class GenicamTwin:
     def _trigger(self, name: str, absent: FeatureValue) -> FeatureValue:
         """Return a property of the trigger FrameStart, or what holds where the camera has no such feature."""
         return self.nodes.of(name, "FrameStart") if name in self.nodes else absent
+
+    def _of_line(self, name: str, *, absent: FeatureValue) -> FeatureValue:
+        """Return a property of the trigger's line, or what holds where the camera has no such feature."""
+        return self.nodes.of(name, self.model.trigger_input) if self.model.line_left else absent
 
     @property
     def _unit_s(self) -> float:
@@ -495,9 +509,14 @@ class GenicamTwin:
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
         self._vary(nodes)
+        if model.debouncer_us is not None or model.line_left is not None:
+            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
+        if model.line_left is not None:
+            way, inverted = model.line_left
+            nodes["LineMode"] = Node("enumeration", way, symbols=("Input", "Output"), selector="LineSelector")
+            nodes["LineInverter"] = Node("boolean", inverted, selector="LineSelector")
         if model.debouncer_us is not None:
             found_us, least_us = model.debouncer_us
-            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
             nodes["LineDebouncerTime"] = Node(
                 *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
             )

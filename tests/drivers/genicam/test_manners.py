@@ -91,6 +91,42 @@ def test_a_debouncer_that_the_rig_file_asks_for_is_kept_and_counted_and_swallows
     assert one.twin.nodes.read("LineSelector") == "Line1"
 
 
+# ---- a line that is inverted, or an output
+
+
+@pytest.mark.parametrize("left", [("Input", True), ("Output", False), ("Output", True), ("Input", False)])
+@pytest.mark.parametrize("mode", [TriggerMode.EDGE, TriggerMode.LEVEL])
+def test_a_line_that_another_program_left_inverted_or_an_output_triggers_as_it_is_wired(left, mode):
+    """Inverted, exposures would begin with the end of a pulse, of 1 ms here, or last while no mask is on show."""
+    one = Bench(line_left=left)
+    one.start(mode)
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    taken = one.world.exposures[-1]
+    assert taken.start_s == pytest.approx(rise_s, abs=1e-9)
+    assert taken.end_s == pytest.approx(rise_s + (2e-3 if mode is TriggerMode.EDGE else 1e-3), abs=1e-9)
+    told = [line for line in one.sensor.incidents if "of Line1 was" in line]
+    assert len(told) == (left[0] == "Output") + left[1]
+    assert one.twin.nodes.read("LineSelector") == "Line0"
+    assert one.twin.nodes.of("LineInverter", "Line0") is left[1]  # the other line is not ours
+
+
+def test_lines_that_are_not_the_triggers_are_left_as_they_are():
+    """The trigger comes in by a counter here, which is no line."""
+    one = Bench({"trigger_line": "Counter0End"}, trigger_input="Counter0End", line_left=("Output", True))
+    one.twin.nodes._nodes["LineSelector"].symbols = ("Line0", "Line1")
+    one.start()
+    assert not [line for line in one.sensor.incidents if "has been reset" in line and "Line" in line]
+
+
+def test_an_inverted_line_that_the_rig_file_asks_for_is_kept():
+    one = Bench({"features": {"LineSelector": "Line1", "LineInverter": True}}, line_left=("Input", False))
+    one.start()
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert one.world.exposures[-1].start_s == pytest.approx(rise_s + 1e-3, abs=1e-9)
+
+
 # ---- rows one after the other
 
 
