@@ -29,6 +29,8 @@ class AxisInfo:
         min_speed_mm_s: Lowest speed that it can keep; 0 if none is known.
         window_mm: How far from its target it may rest, by its own tolerance.
         report_mm: Resolution of the positions that it reports, where that is coarser than a step.
+        braking_mm_s2: Acceleration of the ramps at the end of its moves, where it is another one.
+        rounding_s: Time in which its acceleration grows at the begin of a ramp and falls at its end; 0: at once.
     """
 
     name: str
@@ -41,6 +43,8 @@ class AxisInfo:
     min_speed_mm_s: float = 0.0
     window_mm: float = 0.0
     report_mm: float = 0.0
+    braking_mm_s2: float | None = None
+    rounding_s: float = 0.0
 
     @property
     def error_mm(self) -> float:
@@ -56,6 +60,15 @@ class AxisInfo:
         """Get the speeds that it can keep, for messages."""
         least = f"{self.min_speed_mm_s:.4g}" if self.min_speed_mm_s else "above 0"
         return f"{least} to {self.max_speed_mm_s:g} mm/s"
+
+    def ramps_s(self, speed_mm_s: float) -> tuple[float, float]:
+        """Return how long it takes to reach a speed, and to come to rest.
+
+        A rounded ramp is symmetrical as well: its mean speed is half of the one that it reaches.
+        """
+        ends = self.acceleration_mm_s2, self.braking_mm_s2 or self.acceleration_mm_s2
+        begin_s, end_s = (speed_mm_s / one + self.rounding_s for one in ends)
+        return begin_s, end_s
 
     def quantise_mm(self, position_mm: float) -> float:
         """Return the nearest position that the axis can take; NaN and infinities are returned as they are."""
@@ -81,7 +94,8 @@ class Sweep:
         begin_mm: Where the stage waits before the sweep.
         end_mm: Where it comes to rest after it.
         lead_s: From the start of motion to crossing `from_mm`.
-        acceleration_mm_s2: Of its ramps.
+        ramps_s: How long its ramps take, the first and the last.
+        rounding_s: As `AxisInfo.rounding_s`.
     """
 
     axis: str
@@ -91,12 +105,19 @@ class Sweep:
     begin_mm: float
     end_mm: float
     lead_s: float
-    acceleration_mm_s2: float
+    ramps_s: tuple[float, float]
+    rounding_s: float = 0.0
 
     @property
     def cruise_s(self) -> float:
         """Get how long the constant part lasts."""
         return abs(self.to_mm - self.from_mm) / self.speed_mm_s
+
+    @property
+    def accelerations_mm_s2(self) -> tuple[float, float]:
+        """Get the accelerations of its first and its last ramp."""
+        first_s, last_s = self.ramps_s
+        return self.speed_mm_s / (first_s - self.rounding_s), self.speed_mm_s / (last_s - self.rounding_s)
 
     def position_mm(self, since_from_s: float) -> float:
         """Return where the axis is, `since_from_s` after crossing `from_mm`, while the speed is constant."""
@@ -127,15 +148,16 @@ def plan_sweep(device: str, axis: AxisInfo, from_mm: float, to_mm: float, speed_
         problem = f"speed {speed_mm_s:.4g} mm/s{TOO_SLOW}" if slow else "no such speed"
         raise OutOfRangeError(device, problem, asked=asked, allowed=axis.speeds)
     speed = axis.quantise_speed_mm_s(speed_mm_s)
-    ramp = speed**2 / (2 * axis.acceleration_mm_s2)
-    run_up = max(ramp * RAMP_MARGIN, ramp + axis.step_mm)
+    ramps_s = axis.ramps_s(speed)
+    ramps = [speed * ramp_s / 2 for ramp_s in ramps_s]
+    run_up, run_out = (max(ramp * RAMP_MARGIN, ramp + axis.step_mm) for ramp in ramps)
     direction = copysign(1.0, stop - start)
     begin = axis.quantise_mm(start - direction * run_up)
-    end = axis.quantise_mm(stop + direction * run_up)
+    end = axis.quantise_mm(stop + direction * run_out)
     for edge in (begin, end):
         check_inside(device, axis, edge, asked + " with its run-up")
-    lead_s = speed / axis.acceleration_mm_s2 + (abs(start - begin) - ramp) / speed
-    return Sweep(axis.name, start, stop, speed, begin, end, lead_s, axis.acceleration_mm_s2)
+    lead_s = ramps_s[0] + (abs(start - begin) - ramps[0]) / speed
+    return Sweep(axis.name, start, stop, speed, begin, end, lead_s, ramps_s, axis.rounding_s)
 
 
 def check_inside(device: str, axis: AxisInfo, position_mm: float, asked: str) -> None:

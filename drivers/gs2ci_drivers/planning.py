@@ -24,6 +24,8 @@ CLOCK_TOLERANCE = 2e-4
 to 100 ppm, as their data sheets allow."""
 ROUNDING_TOLERANCE = 0.1
 """Share by which the modulator may round the time of a mask or of the darkness between masks."""
+ROWS_TOLERANCE = 0.02
+"""Share of a mask that the last rows of a rolling shutter may miss: the weights of the masks are those of all rows."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
@@ -99,7 +101,8 @@ def _exposure(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
 def _busy_s(exposure_s: float, settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> float:
     """Return for how long after the appearance of a mask a sensor may miss another edge."""
     delay_s = max(modulator.delay_s(settings.trigger_out), 0.0) + setup.trigger_delay_s
-    return exposure_s * (1 + CLOCK_TOLERANCE) + setup.readout_s + settings.jitter_s + delay_s
+    taken_s = exposure_s * (1 + CLOCK_TOLERANCE) + setup.readout_s
+    return max(taken_s, setup.link_s * (1 + CLOCK_TOLERANCE)) + settings.jitter_s + delay_s
 
 
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
@@ -267,11 +270,12 @@ def _sensor_figures(
         ),
         Figure(
             "exposure + readout",
-            f"{busy_s * 1e3:.3f} ms",
+            f"{busy_s * 1e3:.3f} ms" + (", by its link" if setup.link_s > exposure_s + setup.readout_s else ""),
             "" if alone else f"at most the trigger period of {period_s * 1e3:.3f} ms",
             broken=not alone and busy_s > period_s + modulator.exposure_step_s,
             remedy="raise `mask_s` or `dark_s`, or reduce the sensor's size",
         ),
+        *_rolling(settings, sequence, setup),
         *_unsettled_exposure(settings, info),
         Figure(
             "sensor trigger",
@@ -280,6 +284,23 @@ def _sensor_figures(
             broken=setup.trigger is not settings.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
             remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
         ),
+    ]
+
+
+def _rolling(settings: CaptureSettings, sequence: PatternSequence, setup: SensorSettings) -> list[Figure]:
+    """Refuse a code whose first and last mask reach some rows only; single masks lose the same share each."""
+    if not setup.rows_s or settings.mode is Mode.PER_MASK:
+        return []
+    share = setup.rows_s / sequence.exposure_s
+    return [
+        Figure(
+            "rolling shutter",
+            f"rows begin within {setup.rows_s * 1e3:.3f} ms, {share:.1%} of a mask",
+            f"at most {ROWS_TOLERANCE:.0%} of a mask, which the last rows miss of the first one",
+            broken=share > ROWS_TOLERANCE,
+            remedy="use a sensor that exposes all rows at once, read out fewer rows, or set `mask_s` to "
+            f"{setup.rows_s / ROWS_TOLERANCE:.3g} or more",
+        )
     ]
 
 

@@ -175,6 +175,9 @@ class SensorSettings:
         stride: Bytes from one row to the next in the kernel's buffer.
         buffers: Buffers the kernel allocated.
         trigger_delay_s: From a trigger to the start of the exposure, as configured or as known.
+        link_s: Least time from the start of one exposure to that of the next by what its link carries; 0 if no limit of
+            the link is known.
+        rows_s: From the start of the first row's exposure to that of the last one; 0 if all rows begin at once.
         recorded: Every setting of the device that could be read after it was configured, by the device's own names,
             for the shot file: two sessions can be compared by them.
     """
@@ -188,6 +191,8 @@ class SensorSettings:
     stride: int = 0
     buffers: int = 0
     trigger_delay_s: float = 0.0
+    link_s: float = 0.0
+    rows_s: float = 0.0
     recorded: Mapping[str, bool | int | float | str] = field(default_factory=dict)
 
 

@@ -180,7 +180,7 @@ class StageWatch:
     def _require_constant_speed(self, path: Path, begin_s: float, end_s: float, unsure_s: float) -> None:
         """Check that masks were seen at constant speed: in a ramp their poses would lie elsewhere."""
         outside_s = path.outside_s(begin_s, end_s)
-        harmless_s = sqrt(2 * path.error_mm / path.sweep.acceleration_mm_s2)
+        harmless_s = sqrt(2 * path.error_mm / max(path.sweep.accelerations_mm_s2))
         if outside_s > harmless_s + unsure_s + STAMP_SLACK_S:
             raise PathError(
                 self._stage.name,

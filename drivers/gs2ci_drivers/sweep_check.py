@@ -181,13 +181,14 @@ class _Profile:
     """The planned sweep from rest to rest, as times of positions along its way."""
 
     def __init__(self, sweep: Sweep) -> None:
-        self._speed, self._acceleration = sweep.speed_mm_s, sweep.acceleration_mm_s2
+        self._speed = sweep.speed_mm_s
+        self._accelerating, self._braking = sweep.accelerations_mm_s2
         self._length_mm = abs(sweep.to_mm - sweep.from_mm)
         self._before_mm = abs(sweep.from_mm - sweep.begin_mm)
         self._after_mm = abs(sweep.end_mm - sweep.to_mm)
         self._lead_s = sweep.lead_s
-        self._ramp_mm = sweep.speed_mm_s**2 / (2 * sweep.acceleration_mm_s2)
-        self._slack_s = RAMP_SLACK_S + RAMP_SLACK * sweep.speed_mm_s / sweep.acceleration_mm_s2
+        self._ramp_mm, self._brake_mm = (sweep.speed_mm_s * ramp_s / 2 for ramp_s in sweep.ramps_s)
+        self._slack_s = RAMP_SLACK_S + RAMP_SLACK * max(sweep.ramps_s) + sweep.rounding_s
 
     def when_s(self, gone_mm: float, factor: float) -> tuple[float, float]:
         """Return the first and the last time at which it may be so far beyond `from_mm`."""
@@ -196,16 +197,16 @@ class _Profile:
         if begun_mm <= 0:
             return -inf, -self._lead_s
         if begun_mm < self._ramp_mm:
-            ramped_s = -self._lead_s + sqrt(2 * begun_mm / self._acceleration)
+            ramped_s = -self._lead_s + sqrt(2 * begun_mm / self._accelerating)
             return ramped_s - self._slack_s, min(ramped_s + self._slack_s, gone_mm / speed)
         if over_mm <= 0:
             return gone_mm / speed, gone_mm / speed
         # However it brakes, it is never faster than at constant speed.
-        flat_mm, flat_s = self._after_mm - self._ramp_mm, cruise_s + over_mm / speed
+        flat_mm, flat_s = self._after_mm - self._brake_mm, cruise_s + over_mm / speed
         if over_mm <= flat_mm:
             return flat_s, flat_s
-        braked_mm = min(over_mm - flat_mm, self._ramp_mm)
-        left_mm_s = sqrt(max(self._speed**2 - 2 * self._acceleration * braked_mm, 0.0))
-        braked_s = cruise_s + flat_mm / speed + (self._speed - left_mm_s) / self._acceleration
+        braked_mm = min(over_mm - flat_mm, self._brake_mm)
+        left_mm_s = sqrt(max(self._speed**2 - 2 * self._braking * braked_mm, 0.0))
+        braked_s = cruise_s + flat_mm / speed + (self._speed - left_mm_s) / self._braking
         latest_s = inf if over_mm >= self._after_mm else braked_s + self._slack_s
         return max(flat_s, braked_s - self._slack_s), latest_s

@@ -250,8 +250,16 @@ def _sog(asked: _Asked) -> _Write:
 def _glb(asked: _Asked) -> _Write:
     from gs2ci.render.glb import write_glb
 
-    scene = asked.scene_to_show()
-    return lambda path: write_glb(path, scene, metres_per_unit=_METRES.get(asked.run.report.length_unit))
+    scene, report = asked.scene_to_show(), asked.run.report
+    asked.say(
+        "The file says that its colours are light (lin_rec709_display): a viewer that heeds it shows them as an eye "
+        "sees the scene, brighter than the run's pictures, which show readings as they are."
+        if report.of_light
+        else "The file says that its colours are those of a screen (srgb_rec709_display): what readings from a file "
+        "stand for is not known, and viewers so show them like the run's pictures."
+    )
+    metres_per_unit = _METRES.get(report.length_unit)
+    return lambda path: write_glb(path, scene, metres_per_unit=metres_per_unit, of_light=report.of_light)
 
 
 def _colmap(asked: _Asked) -> _Write:

@@ -33,7 +33,7 @@ def check_whole(option: str, value: int | None, least: int, most: int = MOST_COU
         InputError: It is out of bounds.
     """
     given: Any = value  # in Python it may be of any kind
-    if value is not None and not (isinstance(given, Integral) and least <= value <= most):
+    if value is not None and not (_is_whole(given) and least <= value <= most):
         raise InputError(
             f"{option} {value}", allowed=f"a whole number from {least} to {most}", remedy=remedy or _left_out(option)
         )
@@ -74,6 +74,23 @@ def check_number(
     raise InputError(f"{option} {shown}", allowed=allowed, remedy=remedy or _left_out(option))
 
 
+def check_kind(option: str, value: object, kinds: type | tuple[type, ...], allowed: str, *, remedy: str = "") -> None:
+    """Accept a value of some kinds. At a command line the parser has done so already.
+
+    Args:
+        option: As it is typed, with its dashes.
+        value: What was given in Python.
+        kinds: Types that are accepted.
+        allowed: The same in words.
+        remedy: What else the user can do.
+
+    Raises:
+        InputError: It is of another kind.
+    """
+    if not isinstance(value, kinds):
+        raise InputError(f"{option} is {type(value).__name__}", allowed=allowed, remedy=remedy)
+
+
 def check_choice(option: str, value: str | None, allowed: Sequence[str | None]) -> None:
     """Accept one of several words. At a command line the parser has done so already.
 
@@ -107,6 +124,11 @@ def as_path(path: str | os.PathLike[str], *, of: str, remedy: str) -> Path:
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"{type(path).__name__} where a path is expected", allowed=f"the path of {of}", remedy=remedy)
     return Path(path)
+
+
+def _is_whole(value: object) -> bool:
+    """Tell whether a value counts something: true and false do not, though Python takes them for 1 and 0."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _left_out(option: str) -> str:

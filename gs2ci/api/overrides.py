@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from gs2ci.api.options import check_choice, check_whole
+from gs2ci.api.options import check_choice, check_kind, check_whole
 from gs2ci.core.arrays import F32
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
@@ -58,6 +58,22 @@ class Overrides:
     motion: MotionMode | None = None
     device: str | None = None
     seed: int = 42
+
+    def __post_init__(self) -> None:
+        """Refuse values of a kind that no option has, before anything is computed.
+
+        Raises:
+            InputError: A value is of another kind.
+        """
+        text, nothing = "a text", type(None)
+        remedy = "poses that you know belong into the shot, as telemetry_world_to_camera; then say geometry='stage'"
+        check_kind("--geometry", self.geometry, (str, nothing), text, remedy=remedy)
+        for option, value in (("--prior", self.prior), ("--distance", self.distance), ("--device", self.device)):
+            check_kind(option, value, (str, nothing), text)
+        for option, switch in (("--fine", self.fine), ("--trust-weights", self.trust_weights)):
+            check_kind(option, switch, bool, "True or False")
+        check_kind("--without", self.without, (tuple, list), "a list of components, such as ('points',)")
+        check_kind("--density", self.density, (str, DensityRule, nothing), "a rule's name, or a rule of your own")
 
     @property
     def fine_stage(self) -> bool:

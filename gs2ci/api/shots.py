@@ -223,7 +223,7 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
     from gs2ci.core.storage import write_shots
     from gs2ci.core.storage.sealing import check_target
 
-    path = _place(path)
+    path = as_path(path, of="the file to write", remedy="the path comes first: gs2ci.save('shot.h5', shot)")
     kept = list(shots) if isinstance(shots, Iterable) else [shots]
     if not all(isinstance(shot, Shot) for shot in kept):
         raise InputError(

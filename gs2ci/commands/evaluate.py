@@ -112,12 +112,16 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     ):  # fmt: skip
         if path.get(key) is not None:
             said.append((name, f"{path[key]:.4g}{unit}"))
-    if path.get("reversed"):
-        said.append(("order", "inside out: the path runs backwards, near and far are exchanged"))
-    if found["depth"]:
-        from gs2ci.evaluate.depth import DepthErrors
+    from gs2ci.evaluate.depth import DepthErrors
 
-        said.append(("depth", ", ".join(DepthErrors(**found["depth"]).in_words())))
+    depth = DepthErrors(**found["depth"]) if found["depth"] else None
+    if path.get("reversed"):
+        order = "inside out: the path runs backwards, near and far are exchanged"
+        if depth is not None and depth.rank_in_order is not None:
+            order = "the true poses contradict the true depth: are they camera-to-world, or in reverse order?"
+        said.append(("order", order))
+    if depth is not None:
+        said.append(("depth", ", ".join(depth.in_words())))
     said.append(("residual", f"{found['residual']['rms']:.4f} rms of full scale"))
     if found["residual"]["chi2_per_pixel"] is not None:
         said.append(("χ² per pixel", f"{found['residual']['chi2_per_pixel']:.3f}"))

@@ -10,13 +10,13 @@ _UNITS_S: Final = {"": 1.0, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3
 _FORM: Final = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)\s*", re.IGNORECASE)
 
 
-def parse_duration_s(text: str) -> float:
-    """Read a duration, in seconds, above 0.
+def parse_duration_s(text: str | float) -> float:
+    """Read a duration, in seconds, above 0; from Python a bare number of seconds may be one.
 
     Raises:
         InputError: Not a positive number with one of the units s, min and h.
     """
-    found = _FORM.fullmatch(text)
+    found = _FORM.fullmatch(str(text))
     unit = found.group(2).lower() if found else ""
     seconds = float(found.group(1)) * _UNITS_S[unit] if found and unit in _UNITS_S else 0.0
     if not 0 < seconds < math.inf:

@@ -255,6 +255,7 @@ class Code(StrEnum):
     # Comparison with a truth, or with another measurement.
     TRUE_PATH_STRAIGHT = auto()
     TRUE_PATH_REVERSED = auto()
+    TRUE_PATH_CONTRADICTED = auto()
     TRUE_PATH_STILL = auto()
     OTHER_SCALE = auto()
     OTHER_MASKS = auto()

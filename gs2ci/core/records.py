@@ -22,6 +22,8 @@ CFA_PATTERNS: Final = get_args(CfaPattern)
 # in full scales of a view, a mask's weight, a camera's figures in pixels, a stage's way in any unit of length.
 MEASUREMENT_LIMIT: Final = 1e12
 WEIGHT_RANGE: Final = (1e-6, 1e6)
+LONGEST_TYPICAL_SHARE: Final = 4.0
+"""In the median; what is longer is an exposure time in some unit. A single mask may be shown longer."""
 OPEN_LEAST: Final = 1e-6
 _WEIGHTS_REMEDY: Final = (
     "give for each mask the share of its interval during which it was exposed, or leave the weights out if it is the "
@@ -344,6 +346,14 @@ def _check_masks(shot: Shot) -> None:
             f"the largest mask weight is {shot.weights.max():.3g}",
             allowed=f"{least:g} to {most:g}; 1 for a mask exposed during the whole of its interval",
             remedy=_WEIGHTS_REMEDY,
+        )
+    typical = float(np.median(shot.weights[shot.weights > 0]))
+    if typical > LONGEST_TYPICAL_SHARE:
+        raise InputError(
+            f"the mask weights are {typical:.3g} in the median, which are no shares of an interval: views would be as "
+            "much too dark",
+            allowed=f"about 1, up to {LONGEST_TYPICAL_SHARE:g}",
+            remedy="divide exposure times by the longest",
         )
     if not shot.lit.any():
         raise InputError("every mask is closed or has weight zero", remedy=_WEIGHTS_REMEDY)

@@ -246,27 +246,11 @@ class MotionSection:
 
 
 @dataclass(frozen=True)
-class WithoutExposure:
-    """What leaving one of several exposures out would change, as far as readings tell (`exposures.without_one`).
-
-    Args:
-        alone: Share of what its middle view shows that no other exposure shows, and that would be lost.
-        depth_times: How many times as large the part of depth's standard errors that is due to noise would be, in the
-            median of the points that it and others see; None if there are none, or the others tell no depth.
-        colour_times: Likewise of colours.
-    """
-
-    alone: Number
-    depth_times: Number | None
-    colour_times: Number | None
-
-
-@dataclass(frozen=True)
 class ExposureSection:
     """One of several exposures that share a scene; its views follow those of the exposures before it.
 
-    `first_view` counts from 0; `path` says how its first path was found, `moved` how far the fit moved it, `without`
-    what leaving it out would change.
+    `first_view` counts from 0; `path` says how its first path was found, `moved` how far the fit moved it, `seen_alone`
+    the share of what its middle view shows that no other exposure shows: it would be lost without this one.
     """
 
     name: str
@@ -276,4 +260,4 @@ class ExposureSection:
     heldout_rms: HeldOut
     path: str
     moved: Moved | None
-    without: WithoutExposure | None = None
+    seen_alone: Number | None = None

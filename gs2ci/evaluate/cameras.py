@@ -144,7 +144,7 @@ def write_colmap_model(
     files = {
         "cameras.bin": [_count(1), camera.tobytes(), np.array(lens, "<f8").tobytes()],
         "images.bin": [_count(len(world_to_camera)), *_images(world_to_camera, pixels, seen)],
-        "points3D.bin": [_count(len(points)), *_points(points, colors, seen)],
+        "points3D.bin": [_count(len(points)), _points(points, colors, seen)],
     }
     for name, parts in files.items():
         write_whole(folder / name, b"".join(parts))
@@ -166,18 +166,26 @@ def _images(world_to_camera: F64, pixels: F64, seen: Bool) -> Iterator[bytes]:
         yield _count(len(numbers)) + observed.tobytes()
 
 
-def _points(points: F32, colors: F32, seen: Bool) -> Iterator[bytes]:
+def _points(points: F32, colors: F32, seen: Bool) -> bytes:
     """Encode each point and its track: the views that see it, and which of their observations it is."""
     table = np.zeros(len(points), _POINT)
     table["id"], table["place"] = np.arange(len(points)) + 1, points
     table["colour"] = np.round(255 * np.clip(colors, 0, 1))
     # Observations are where the points are projected to: their error is zero.
     table["views"] = seen.sum(axis=0)
-    indices = np.cumsum(seen, axis=1) - 1
-    for row, sees, index in zip(table, seen.T, indices.T, strict=True):
-        track = np.zeros(int(row["views"]), _SIGHTING)
-        track["image"], track["index"] = np.flatnonzero(sees) + 1, index[sees]
-        yield row.tobytes() + track.tobytes()
+    of_point, view = np.nonzero(seen.T)
+    tracks = np.zeros(len(view), _SIGHTING)
+    tracks["image"], tracks["index"] = view + 1, (np.cumsum(seen, axis=1) - 1)[view, of_point]
+    # Each point is followed by its track.
+    before = np.concatenate([[0], np.cumsum(table["views"], dtype=np.int64)])
+    content = np.empty(table.nbytes + tracks.nbytes, np.uint8)
+    for records, places in (
+        (table, np.arange(len(table)) * table.itemsize + before[:-1] * tracks.itemsize),
+        (tracks, (of_point + 1) * table.itemsize + np.arange(len(tracks)) * tracks.itemsize),
+    ):
+        bytes_of = records.view(np.uint8).reshape(len(records), records.itemsize)
+        content[places[:, None] + np.arange(records.itemsize)] = bytes_of
+    return content.tobytes()
 
 
 def _observed(cameras: Cameras, points: F64, size: tuple[int, int], depth: F32 | None) -> tuple[F64, Bool]:

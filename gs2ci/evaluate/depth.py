@@ -17,6 +17,8 @@ from gs2ci.core.run_figures import Number
 _CLOSE_RATIO: Final = 1.25  # Eigen, Puhrsch and Fergus (NIPS 2014), section 4.1
 FAR_OFF_PX: Final = 0.25
 """A disparity between neighbouring views that is wrong by more than this means another surface's depth, or none."""
+# Depths whose rank correlation with the true ones exceeds this have near and far as they are.
+_IN_ORDER: Final = 0.3
 # Least absolute deviations by iteratively reweighted least squares: number of iterations, and the share of the spread
 # below which errors are weighted equally.
 _ROUNDS: Final = 50
@@ -53,6 +55,11 @@ class DepthErrors:
     rank: Number | None
     median_px: Number | None
     far_off_share: Number | None
+
+    @property
+    def rank_in_order(self) -> float | None:
+        """Get the rank correlation if near and far are clearly as in the truth."""
+        return self.rank if self.rank is not None and self.rank > _IN_ORDER else None
 
     def in_words(self) -> tuple[str, str]:
         """Return the most important figure, and the others."""

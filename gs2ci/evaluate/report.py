@@ -234,6 +234,14 @@ class Report(BaseModel):
         # `gs2ci.rig.recording` writes "rig" for real devices only.
         return "mm" if (source, self.provenance.get("source")) == ("stage", "rig") else f"units of the {source}"
 
+    @property
+    def of_light(self) -> bool:
+        """Get whether it is sure that views are in proportion to light: those of a rig and of the simulator are.
+
+        A file's masks fit sums of pictures that were encoded for a screen just as well, and many data sets are such.
+        """
+        return self.simulation is not None or self.provenance.get("source") in ("rig", "simulated rig")
+
     def found(self, code: Code) -> Finding | None:
         """Return the first finding of a kind; None where there is none."""
         return next((note for note in (self.stopped, *self.notes) if note.code is code), None)

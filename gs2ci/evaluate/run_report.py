@@ -38,7 +38,8 @@ def build_report(shot: Shot, result: RunResult) -> Report:
     recovered, scene, decode = (
         image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
     )
-    trajectory, about_truth = _trajectory(shot, result)
+    depth = _depth(shot, result)
+    trajectory, about_truth = _trajectory(shot, result, depth)
     seen = result.registered or shot
     residual = measurement_residual(result.predicted_measurement, seen.measurement, seen.saturated)
     decode_kept = (finding(Code.DECODE_KEPT),) if result.verdict == "decode" else ()
@@ -56,7 +57,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "scene": scene,
         "decode": decode,
         "trajectory": trajectory,
-        "depth": _depth(shot, result),
+        "depth": depth,
         "residual": {**asdict(residual), "heldout_rms": result.heldout_rms},
         "sureness": figures_of_errors(result),
         "measured": _measured(shot),
@@ -106,12 +107,16 @@ def _depth(shot: Shot, result: RunResult) -> DepthErrors | None:
     return depth_errors(result.depth, shot.truth.depth, parallax)
 
 
-def _trajectory(shot: Shot, result: RunResult) -> tuple[TrajectoryErrors | None, tuple[Finding, ...]]:
+def _trajectory(
+    shot: Shot, result: RunResult, depth: DepthErrors | None
+) -> tuple[TrajectoryErrors | None, tuple[Finding, ...]]:
     truth = shot.truth.world_to_camera
     if truth is None:
         return None, ()
     errors = trajectory_errors(result.world_to_camera, truth)
-    said = [_FREE[errors.free]] if errors.free in _FREE else []
+    said = [finding(_FREE[errors.free])] if errors.free in _FREE else []
     if errors.reversed:
-        said.append(Code.TRUE_PATH_REVERSED)
-    return errors, tuple(finding(code) for code in said)
+        rank = None if depth is None else depth.rank_in_order
+        reversed_ = finding(Code.TRUE_PATH_REVERSED)
+        said.append(reversed_ if rank is None else finding(Code.TRUE_PATH_CONTRADICTED, rank=rank))
+    return errors, tuple(said)

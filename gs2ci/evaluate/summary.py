@@ -44,7 +44,7 @@ def _trajectory_rows(errors: TrajectoryErrors | None) -> list[tuple[str, str, st
         return []
     rows = []
     if errors.nate is not None:
-        backwards = "; the path runs backwards: inside out" if errors.reversed else ""
+        backwards = "; runs opposite to the true path" if errors.reversed else ""
         rows.append(("nATE", f"{errors.nate:.4f}", f"ATE {errors.ate:.4g}{backwards}"))
     remark = "" if errors.rpe_r_deg is None else f"RPE {errors.rpe_t:.4g}, {errors.rpe_r_deg:.3f}°"
     rows.append(("rotation", f"{errors.rotation_deg:.3f}°", remark))

@@ -132,22 +132,10 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "surfaces"
     ),
     Mechanism(
-        "snapped jumps",
-        "jumps of depth are moved to edges of the view that was swept",
-        lambda settings: _surfaces(settings, lambda one: replace(one, snap=False)),
-        "surfaces",
-    ),
-    Mechanism(
         "depth field",
         "a smooth field moves the depths of whole regions",
         lambda settings: _surfaces(settings, lambda one: replace(one, depth_field=None)),
         "steps",
-    ),
-    Mechanism(
-        "margin",
-        "the scene is continued beyond the borders of all views",
-        lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
-        "surfaces",
     ),
     Mechanism(
         "steps in the reference view",

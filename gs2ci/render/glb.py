@@ -2,9 +2,10 @@
 
 Here: `write_glb`. Kernel `ellipse`, all attributes 32-bit floats: places, unit quaternions (x, y, z, w), sizes and
 opacities as they are (not their logs and logits), and the coefficients of spherical harmonics; besides, a colour per
-point, linear as glTF wants it, for programs that draw points since they do not know the extension. Axes are right, up,
-back. glTF's unit is the metre: a known unit stands in the node's scale. Not here: motion, which the extension cannot
-store; reading.
+point, linear as glTF wants it, for programs that draw points since they do not know the extension. Colours are light or
+those of a screen, and the file says which: `lin_rec709_display` or `srgb_rec709_display`. Axes are right, up, back.
+glTF's unit is the metre: a known unit stands in the node's scale. Not here: motion, which the extension cannot store;
+reading.
 """
 
 import json
@@ -30,13 +31,17 @@ _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _BYTES_MOST: Final = 2**32 - 1
 
 
-def write_glb(path: str | Path, gaussians: Gaussians, *, metres_per_unit: float | None = None) -> Path:
+def write_glb(
+    path: str | Path, gaussians: Gaussians, *, metres_per_unit: float | None = None, of_light: bool = False
+) -> Path:
     """Write a scene as GLB; the file appears whole or not at all.
 
     Args:
         path: Of the file; an existing file is replaced.
         gaussians: The scene.
         metres_per_unit: Length of the scene's unit; None if it is not known, and then a unit counts as a metre.
+        of_light: Whether colours are in proportion to light, so that a screen has to encode them; otherwise they are
+            those of a screen already (sRGB).
 
     Returns:
         The path written.
@@ -59,24 +64,27 @@ def write_glb(path: str | Path, gaussians: Gaussians, *, metres_per_unit: float 
         f"{EXTENSION}:SCALE": sizes,
         f"{EXTENSION}:OPACITY": opacity[:, None],
         f"{EXTENSION}:SH_DEGREE_0_COEF_0": (scene.colours.numpy() - 0.5) / SH_DC,
-        "COLOR_0": np.concatenate([_linear(scene.colours.numpy()), opacity[:, None]], axis=1),
+        "COLOR_0": np.concatenate([_linear(scene.colours.numpy(), of_light=of_light), opacity[:, None]], axis=1),
     }
     for degree in range(1, degree_of(scene) + 1):
         assert scene.harmonics is not None  # its degree is above 0
         for order in range(HARMONICS[degree] - HARMONICS[degree - 1]):
             coefficient = scene.harmonics[:, HARMONICS[degree - 1] + order].numpy()
             columns[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{order}"] = coefficient
-    return write_whole(path, _laid_out(columns, metres_per_unit))
+    told = {"kernel": "ellipse", "colorSpace": "lin_rec709_display" if of_light else "srgb_rec709_display"}
+    return write_whole(path, _laid_out(columns, told, metres_per_unit))
 
 
-def _linear(shown: F64) -> F64:
-    """Return the linear light of colours that a screen shows (sRGB, IEC 61966-2-1), within 0 ... 1."""
-    value = np.clip(shown, 0, 1)
+def _linear(colours: F64, *, of_light: bool) -> F64:
+    """Return the light of colours, within 0 ... 1; those of a screen are decoded (sRGB, IEC 61966-2-1)."""
+    value = np.clip(colours, 0, 1)
+    if of_light:
+        return value
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
-def _laid_out(columns: dict[str, F64], metres_per_unit: float | None) -> bytes:
-    """Lay out the attributes, [G, 1, 3 or 4] each, as one primitive of a GLB file.
+def _laid_out(columns: dict[str, F64], told: dict[str, str], metres_per_unit: float | None) -> bytes:
+    """Lay out the attributes, [G, 1, 3 or 4] each, and what is told of them, as one primitive of a GLB file.
 
     Raises:
         InputError: It becomes too large.
@@ -102,7 +110,6 @@ def _laid_out(columns: dict[str, F64], metres_per_unit: float | None) -> bytes:
     whole: dict[str, Any] = {"asset": {"version": "2.0", "generator": "gs2ci"}, "extensionsUsed": [EXTENSION]}
     whole |= {"scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node]}
     if at:  # glTF knows no empty accessor: a scene without Gaussians is a node without a mesh
-        told = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}
         primitive = {"mode": _POINTS, "attributes": {name: k for k, name in enumerate(columns)}}
         node["mesh"] = 0
         whole["meshes"] = [{"primitives": [{**primitive, "extensions": {EXTENSION: told}}]}]

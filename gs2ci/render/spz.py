@@ -67,13 +67,15 @@ def write_spz(path: str | Path, gaussians: Gaussians, *, version: SpzVersion = 3
         The path written.
 
     Raises:
-        InputError: The Gaussians do not fit together, hold NaN, lie too far away for 24 bits, or have sizes that the
-            format cannot hold; or there is no such version.
+        InputError: There is none, which the format's own reader refuses; the Gaussians do not fit together, hold NaN,
+            lie too far away for 24 bits, or have sizes that the format cannot hold; or there is no such version.
         StorageError: The file cannot be written.
     """
     if version not in get_args(SpzVersion):
         raise InputError(f"version {version} of SPZ", allowed=" or ".join(map(str, get_args(SpzVersion))))
     checked = gaussians.check().detach()
+    if not len(checked):
+        raise InputError("a scene without Gaussians", allowed="1 or more in an SPZ file", remedy="export it as ply")
     scene = half_turned(_scaled(checked, scale))
     if version == 2:
         scene = _axes_renamed(scene)

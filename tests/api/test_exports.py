@@ -103,7 +103,31 @@ def test_a_known_unit_stands_in_a_glb_files_node(run):
     report = run.report.model_copy(update={"provenance": {"source": "rig"}, "geometry": geometry})
     told.__dict__["report"] = report
     whole = gs2ci.export(told, "glb", as_fitted=True).read_bytes()
-    assert json.loads(whole[20 : 20 + int.from_bytes(whole[12:16], "little")])["nodes"][0]["scale"] == [1e-3] * 3
+    assert _json_of(whole)["nodes"][0]["scale"] == [1e-3] * 3
+
+
+def _json_of(glb):
+    return json.loads(glb[20 : 20 + int.from_bytes(glb[12:16], "little")])
+
+
+@pytest.mark.parametrize(
+    ("source", "space"),
+    [
+        ("rig", "lin_rec709_display"),
+        ("simulated rig", "lin_rec709_display"),
+        ("", "lin_rec709_display"),  # with the simulator's plan in the report
+        ("kobe.mat", "srgb_rec709_display"),
+    ],
+)
+def test_a_glb_file_calls_colours_light_where_readings_are_known_to_be(run, source, space):
+    told = replace(run, _scene=run.scene)
+    report = run.report.model_copy(update={"provenance": {"source": source}, "simulation": None if source else {}})
+    told.__dict__["report"] = report
+    heard = gs2ci.Silent()
+    whole = gs2ci.export(told, "glb", as_fitted=True, progress=heard).read_bytes()
+    (primitive,) = _json_of(whole)["meshes"][0]["primitives"]
+    assert primitive["extensions"]["KHR_gaussian_splatting"]["colorSpace"] == space
+    assert any(space in line for line in heard.sentences)
 
 
 def test_a_folder_for_nerfstudio_is_what_its_parser_reads(run):
@@ -210,7 +234,13 @@ def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
             assert [len(data[axis]) for axis in axes] == list(signal.shape)
             assert [int(data.attrs[f"{axis}_indices"]) for axis in axes] == [0, 1, 2, 3]
             np.testing.assert_array_equal(entry["depth/depth"], run.depth)
-            assert entry["depth/depth"].attrs["units"] == ("scene units" if opened is plain else "mm")
+            # UDUNITS knows neither scene units nor pixels nor full scales: "" is no unit, "1" a share.
+            assert entry["depth/depth"].attrs["units"] == ("" if opened is plain else "mm")
+            assert f"in {'scene units' if opened is plain else 'mm'}" in entry["depth/depth"].attrs["long_name"]
+            assert [data[name].attrs["units"] for name in ("views", "x", "y", "view")] == ["1", "", "", ""]
+            (notes,) = by_class(entry, "NXnote")
+            assert notes["type"].asstr()[()] == "application/json"
+            assert json.loads(notes["data"].asstr()[()])["name"] == run.report.name
             assert entry["title"].asstr()[()] == run.report.name
             cameras = entry["instrument/detector/cameras"]
             np.testing.assert_array_equal(cameras["world_to_camera"], run.path)

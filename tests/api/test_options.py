@@ -1,9 +1,10 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from gs2ci.api.options import MOST_COUNT, MOST_SEED, as_path, check_number, check_seed, check_whole
+from gs2ci.api.options import MOST_COUNT, MOST_SEED, as_path, check_kind, check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError
 
 
@@ -12,7 +13,7 @@ def test_a_count_within_bounds_and_an_option_left_out_are_accepted(value):
     check_whole("--fits", value, 1)
 
 
-@pytest.mark.parametrize("value", [0, -5, 10**30])
+@pytest.mark.parametrize("value", [0, -5, 10**30, True, 2.0, "2"])
 def test_a_count_out_of_bounds_is_refused_with_option_range_and_remedy(value):
     with pytest.raises(InputError) as caught:
         check_whole("--fits", value, 1, 64)
@@ -53,6 +54,16 @@ def test_seeds_are_what_generators_take():
     for seed in (-1, MOST_SEED + 1):
         with pytest.raises(InputError, match="--seed"):
             check_seed(seed)
+
+
+def test_values_are_of_the_kinds_that_an_option_has():
+    check_kind("--geometry", "rest", str, "a text")
+    check_kind("--geometry", None, (str, type(None)), "a text")
+    for other in (3, None, ["rest"], np.eye(4)):
+        with pytest.raises(InputError) as caught:
+            check_kind("--geometry", other, str, "a text", remedy="ask somebody")
+        assert caught.value.problem == f"--geometry is {type(other).__name__}"
+        assert (caught.value.allowed, caught.value.remedy) == ("a text", "ask somebody")
 
 
 def test_paths_are_texts_or_paths():

@@ -55,13 +55,47 @@ def test_arguments_of_another_kind_are_refused_by_their_type():
     shot = gs2ci.Shot(np.ones((6, 8)), np.ones((4, 6, 8)))
     with pytest.raises(gs2ci.InputError, match=r"has shape \[6, 8\].*as picture\[\.\.\., None\]"):
         shot.check()
-    for call in (gs2ci.load, gs2ci.reconstruct, lambda array: gs2ci.save(array, "shot.h5")):
+    with pytest.raises(gs2ci.InputError, match=r"Shot where a path is expected.*the path comes first"):
+        gs2ci.save(shot, "shot.h5")
+    for call in (gs2ci.load, gs2ci.reconstruct):
         with pytest.raises(gs2ci.InputError, match=r"ndarray where a path is expected.*gs2ci\.Shot"):
             call(np.ones((6, 8)))
     with pytest.raises(gs2ci.InputError, match="--seed few; allowed: a whole number"):
         gs2ci.reconstruct(shot, seed="few")
     with pytest.raises(gs2ci.InputError, match="--focal-px 'few'; allowed: a finite number"):
         gs2ci.reconstruct(shot, focal_px="few")
+
+
+@pytest.mark.parametrize(
+    ("option", "others"),
+    [
+        ("geometry", (np.tile(np.eye(4), (4, 1, 1)), 3)),
+        ("prior", (3, True)),
+        ("distance", (3,)),
+        ("device", (0,)),
+        ("fine", ("yes", None)),
+        ("trust_weights", ("no", 1)),
+        ("without", ("poses", None)),
+        ("density", (3, object())),
+    ],
+)
+def test_options_of_another_kind_are_refused_by_their_type_before_anything_is_computed(option, others):
+    shot = gs2ci.Shot(np.ones((6, 8, 1)), np.ones((4, 6, 8)))
+    for other in others:
+        with pytest.raises(gs2ci.InputError, match=f"--{option.replace('_', '-')} is {type(other).__name__}; allowed"):
+            gs2ci.reconstruct(shot, progress=gs2ci.Silent(), **{option: other})
+
+
+def test_poses_in_place_of_their_source_are_told_where_they_belong():
+    shot = gs2ci.Shot(np.ones((6, 8, 1)), np.ones((4, 6, 8)))
+    with pytest.raises(gs2ci.InputError, match=r"--geometry is ndarray.*as telemetry_world_to_camera"):
+        gs2ci.reconstruct(shot, geometry=np.tile(np.eye(4), (4, 1, 1)), progress=gs2ci.Silent())
+
+
+def test_a_preset_of_another_kind_is_refused():
+    shot = gs2ci.Shot(np.ones((6, 8, 1)), np.ones((4, 6, 8)))
+    with pytest.raises(gs2ci.InputError, match="no preset \\['draft'\\]"):
+        gs2ci.reconstruct(shot, preset=["draft"], progress=gs2ci.Silent())
 
 
 def test_true_poses_that_are_no_rigid_motions_are_refused_before_the_fit():

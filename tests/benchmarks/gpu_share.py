@@ -18,7 +18,6 @@ import numba
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode import denoisers, pnp
 from gs2ci.reconstruct.decode.patches import denoiser, matching
-from gs2ci.reconstruct.fit.surfaces import surfaces
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.geometry.depth import sweep
 from gs2ci.reconstruct.presets.named import preset
@@ -34,7 +33,6 @@ MORE = (
     ("iteration: field of depth", FieldStep, "of_scene"),
     ("rendering: code of masks", backend.CpuBackend, "code"),
     ("sweeps: views compared, and smoothed", sweep, "_best_planes"),
-    ("sweeps: jumps moved to edges", surfaces, "snapped"),
     ("decode: GAP's projections", pnp, "project_onto_measurement"),
     ("decode: total variation", denoisers, "denoise_planes"),
     ("decode: checks of a step", pnp, "_checked"),

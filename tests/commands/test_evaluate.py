@@ -167,3 +167,20 @@ def test_noise_that_cannot_be_is_refused_by_its_option(finished, options, proble
     shot, folder = finished
     with pytest.raises(InputError, match=problem):
         evaluate.run(folder, shot, **options)
+
+
+@pytest.mark.parametrize(
+    ("rank", "words"), [(0.9, "the true poses contradict the true depth"), (-0.9, "inside out"), (None, "inside out")]
+)
+def test_a_reversed_path_is_called_so_unless_depth_has_the_true_order(rank, words):
+    figures = dict.fromkeys(("scale", "abs_rel", "median_rel", "rms", "close_share", "known_share"), 1.0)
+    found = {
+        "novel_views": None,
+        "lpips": None,
+        "trajectory": {"reversed": True},
+        "depth": figures | {"rank": rank, "median_px": None, "far_off_share": None},
+        "residual": {"rms": 0.1, "chi2_per_pixel": None},
+    }
+    for depth in (found["depth"], None):
+        told = dict(evaluate.rows(found | {"depth": depth}))["order"]
+        assert told.startswith(words if depth else "inside out")

@@ -45,7 +45,7 @@ def test_the_run_folder_holds_the_views_of_all_exposures(folder, shots):
     assert "from 2 exposures" in page
     assert "path 1" in page
     assert "seen by it alone" in page
-    assert all(0 <= one.without.alone <= 1 for one in report.exposures)
+    assert all(0 <= one.seen_alone <= 1 for one in report.exposures)
     run = gs2ci.open_run(folder)
     assert run.views.shape == (16, *SIZE, 3)
     assert run.depth.shape == (16, *SIZE)

@@ -6,13 +6,16 @@ from gs2ci.core.errors import InputError
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("60s", 60), ("60", 60), ("2min", 120), ("2 MIN", 120), ("1.5h", 5400), (".5m", 30), ("90 sec", 90)],
+    [("60s", 60), ("60", 60), ("2min", 120), ("2 MIN", 120), ("1.5h", 5400), (".5m", 30), ("9 sec", 9), (1.5, 1.5)],
 )
 def test_durations_are_read_as_people_write_them(text, seconds):
     assert parse_duration_s(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "s", "-3s", "0s", "3 days", "1e3s", "nan", "inf", "1min 30s", "9" * 400])
+@pytest.mark.parametrize(
+    "text",
+    ["", "s", "-3s", "0s", "3 days", "1e3s", "nan", "inf", "1min 30s", "9" * 400, -3, 0.0, True, None],
+)
 def test_what_is_no_duration_is_refused(text):
     with pytest.raises(InputError, match="no duration"):
         parse_duration_s(text)

@@ -8,6 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import (
     FOCAL_RANGE_PX,
+    LONGEST_TYPICAL_SHARE,
     MEASUREMENT_LIMIT,
     POSITION_LIMIT,
     PRINCIPAL_POINT_LIMIT_PX,
@@ -137,11 +138,16 @@ def test_masks_that_let_next_to_nothing_through_are_refused(shot):
 
 
 def test_weights_out_of_range_are_refused(shot):
-    for weight in WEIGHT_RANGE:
+    for weight in (WEIGHT_RANGE[0], LONGEST_TYPICAL_SHARE):
         replace(shot, weights=np.array([0, weight], np.float32)).check()
     for weight in (0.1 * WEIGHT_RANGE[0], 10 * WEIGHT_RANGE[1]):
         with pytest.raises(InputError, match="largest mask weight"):
             replace(shot, weights=np.array([0, weight], np.float32)).check()
+
+
+def test_exposure_times_in_place_of_weights_are_refused(shot):
+    with pytest.raises(InputError, match=r"weights are 12\.5 in the median.*too dark.*divide exposure times"):
+        replace(shot, weights=np.array([12.5, 12.5], np.float32)).check()
 
 
 @pytest.mark.parametrize("damage", ["stretched", "mirrored", "bottom row", "far away"])

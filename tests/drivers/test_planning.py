@@ -24,7 +24,15 @@ AXIS = AxisInfo("x", 0.0, 100.0, 0.001, 40.0, 0.001, 200.0)
 STAGE = StageInfo("z", "", "", {"x": AXIS})
 
 
-def plan(stage=STAGE, modulator=MODULATOR, readout_s=1e-3, exposure_s=None, full_well_e=10000.0, **changes):
+def plan(
+    stage=STAGE,
+    modulator=MODULATOR,
+    readout_s=1e-3,
+    exposure_s=None,
+    full_well_e=10000.0,
+    setup_changes=None,
+    **changes,
+):
     settings = CaptureSettings(**({"masks": np.ones((4, 6, 8), np.uint8), "mask_s": 0.01} | changes))
     setup = SensorSettings(
         SENSOR.formats[0],
@@ -32,6 +40,7 @@ def plan(stage=STAGE, modulator=MODULATOR, readout_s=1e-3, exposure_s=None, full
         settings.trigger_mode,
         readout_s,
         full_well_e=full_well_e,
+        **(setup_changes or {}),
     )
     return lay_out(settings, modulator, SENSOR, setup, stage)
 
@@ -63,6 +72,27 @@ def test_a_burst_gets_the_pause_that_readout_needs():
     assert not burst.broken
     assert burst.fires == 2
     assert plan().sequence.pause_s == 0.0
+
+
+def test_a_slow_link_spaces_frames_out_and_is_named():
+    burst = plan(shots=4, burst=2, setup_changes={"link_s": 60e-3})
+    assert burst.sequence.period_s == pytest.approx(60e-3 * (1 + CLOCK_TOLERANCE) + 20e-6, abs=2e-6)
+    assert not burst.broken
+    (row,) = (figure for figure in burst.figures if figure.what == "exposure + readout")
+    assert row.value.endswith("by its link")
+    assert plan(mode=Mode.PER_MASK, setup_changes={"link_s": 60e-3}).sequence.dark_s == pytest.approx(50e-3, abs=1e-4)
+    faster = plan(shots=4, burst=2, setup_changes={"link_s": 5e-3})
+    assert faster.sequence.period_s == plan(shots=4, burst=2).sequence.period_s
+
+
+def test_rows_that_begin_one_after_the_other_need_long_masks():
+    """A skew of 0.3 ms is 3 % of masks of 10 ms, and 2 % of masks of 15 ms."""
+    short = plan(setup_changes={"rows_s": 0.3e-3})
+    assert broken(short) == {"rolling shutter"}
+    with pytest.raises(PlanRefusedError, match=r"3.0% of a mask.*at most 2%.*set `mask_s` to 0.015 or more"):
+        short.require_sound()
+    assert not plan(mask_s=0.015, setup_changes={"rows_s": 0.3e-3}).broken
+    assert not plan(mode=Mode.PER_MASK, setup_changes={"rows_s": 0.3e-3}).broken
 
 
 def test_calibration_gets_the_dark_time_that_readout_needs():

@@ -88,9 +88,25 @@ def test_a_path_that_runs_backwards_is_said_to(make_run):
     assert Code.TRUE_PATH_REVERSED not in codes(report)
     backwards = shot.truth.world_to_camera.copy()
     backwards[:, :3, 3] *= -1  # the cameras of these runs do not turn: their centres are mirrored
-    report = build_report(shot, replace(result, world_to_camera=backwards))
+    report = build_report(
+        replace(shot, truth=replace(shot.truth, depth=None)), replace(result, world_to_camera=backwards)
+    )
     assert report.trajectory.reversed
     assert Code.TRUE_PATH_REVERSED in codes(report)
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_true_poses_that_contradict_the_true_depth_are_told_from_a_reversed_order(make_run, exchanged):
+    shot, result = make_run()
+    depth = 2 + np.random.default_rng(0).random(result.depth.shape).astype(np.float32)
+    truth = replace(shot.truth, depth=5 - depth if exchanged else depth)
+    as_camera_to_world = np.linalg.inv(shot.truth.world_to_camera)
+    told = codes(
+        build_report(
+            replace(shot, truth=replace(truth, world_to_camera=as_camera_to_world)), replace(result, depth=depth)
+        )
+    )
+    assert (Code.TRUE_PATH_CONTRADICTED in told, Code.TRUE_PATH_REVERSED in told) == (not exchanged, exchanged)
 
 
 def test_a_camera_that_stands_still_is_said_to(make_run):

@@ -9,6 +9,7 @@ TRIG_OUT_1 the gate. Connecting only reads.
 """
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final
 
 from gs2ci.core.clock import Clock
@@ -145,8 +146,17 @@ class Dlpc900(Modulator):
                 remedy="check that the firmware on the board is the one for its mirrors",
             )
         versions = Versions.decode(channel.read(Command.VERSIONS, "read the firmware version", length=16))
-        self._dual = HardwareStatus.decode(channel.read(Command.HARDWARE_STATUS, "read status")).dual_controller
         self._model = timing.MODELS[timing.DmdType(type_number)]
+        status = self._hardware_status("read status")
+        self._dual = status.dual_controller
+        if self._model.dual and not self._dual:
+            raise DeviceFaultError(
+                self.name,
+                "connect",
+                status.faults,
+                remedy="power-cycle the board; if it stays so, reflash its firmware, both files of it, -primary and "
+                "-secondary",
+            )
         return self._describe(f"{versions.application} {tag}".strip())
 
     def _describe(self, version: str) -> ModulatorInfo:
@@ -271,7 +281,7 @@ class Dlpc900(Modulator):
         self._require_healthy("arm")
 
     def _require_healthy(self, asked: str) -> None:
-        hardware = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked))
+        hardware = self._hardware_status(asked)
         if hardware.faults:
             self._on_device = b""
             raise DeviceFaultError(
@@ -287,6 +297,14 @@ class Dlpc900(Modulator):
                 ["mirrors are parked"],
                 remedy="check the controller's supply, then upload again: that wakes it",
             )
+
+    def _hardware_status(self, asked: str) -> HardwareStatus:
+        """Read the hardware status; that one of two controllers does not answer is a fault: its half stays dark."""
+        status = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked))
+        if status.dual_controller or not self._model.dual:
+            return status
+        silent = f"the secondary controller of the {self._model.name} does not answer: the right half stays dark"
+        return replace(status, faults=(silent, *status.faults))
 
     def _do_start(self, sequence: PatternSequence) -> None:
         self._started_s = self.clock.now_s()
@@ -308,7 +326,7 @@ class Dlpc900(Modulator):
         if ran_s < sequence.duration_s * (1 - _CLOCK_TOLERANCE) - _EXCHANGE_JITTER_S:
             self._raise_stopped(asked)
         self._running = None
-        faults = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked)).faults
+        faults = self._hardware_status(asked).faults
         if faults:
             self._on_device = b""
             raise SequenceError(self.name, asked, faults, remedy="upload the sequence again and repeat")
@@ -318,7 +336,7 @@ class Dlpc900(Modulator):
         assert sequence is not None
         self._running = None
         self._on_device = b""
-        faults = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked)).faults
+        faults = self._hardware_status(asked).faults
         raise SequenceError(
             self.name,
             asked,
@@ -356,7 +374,7 @@ class Dlpc900(Modulator):
         return MainStatus.decode(self._channel.read(Command.MAIN_STATUS, asked)).running
 
     def _do_status(self) -> ModulatorStatus:
-        hardware = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, "read status"))
+        hardware = self._hardware_status("read status")
         main = MainStatus.decode(self._channel.read(Command.MAIN_STATUS, "read status"))
         power = self._channel.read(Command.POWER_MODE, "read status")[0]
         parked = ("mirrors are parked",) if main.parked else ()

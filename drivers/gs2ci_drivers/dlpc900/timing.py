@@ -41,6 +41,7 @@ class DmdModel:
         max_entries: Sequence entries in pattern-on-the-fly mode.
         block_us: Shortest time on show of a 1-bit pattern with 1, 2, ... active mirror blocks, µs (DLPU018, table
             2-102); empty where TI gives none.
+        dual: Whether two controllers drive half the columns each (TI publishes firmware for a primary and a secondary).
     """
 
     name: str
@@ -51,6 +52,7 @@ class DmdModel:
     one_bit_capacity: int
     max_entries: int
     block_us: tuple[int, ...] = ()
+    dual: bool = False
 
     @property
     def blocks(self) -> int:
@@ -65,15 +67,15 @@ MODELS: Final[dict[DmdType, DmdModel]] = {
     ),
     DmdType.DLP9000: DmdModel(
         "DLP9000", 2560, 1600, 7.56, (105, 304, 380, 733, 1215, 1487, 1998, 4046), 480, 400,
-        (24, 42, 42, 42, 45, 51, 56, 61, 67, 72, 77, 83, 88, 93, 99, 105),
+        (24, 42, 42, 42, 45, 51, 56, 61, 67, 72, 77, 83, 88, 93, 99, 105), dual=True,
     ),
     DmdType.DLP670S: DmdModel(
         "DLP670S", 2716, 1600, 5.4, (100, 343, 438, 768, 1299, 1488, 2000, 4046), 400, 400,
-        (27, 27, 27, 33, 38, 38, 49, 55, 61, 66, 72, 77, 83, 89, 94, 100),
+        (27, 27, 27, 33, 38, 38, 49, 55, 61, 66, 72, 77, 83, 89, 94, 100), dual=True,
     ),
     DmdType.DLP500YX: DmdModel(
         "DLP500YX", 2048, 1200, 5.4, (62, 184, 269, 458, 682, 807, 1083, 2263), 800, 400,
-        (30, 30, 30, 30, 34, 38, 42, 46, 50, 54, 58, 62),
+        (30, 30, 30, 30, 34, 38, 42, 46, 50, 54, 58, 62), dual=True,
     ),
     # TI tabulates no times for this one: the controller itself refuses times that are too short (error 14).
     DmdType.DLP5500: DmdModel("DLP5500", 1024, 768, 10.8, None, 1024, 960),

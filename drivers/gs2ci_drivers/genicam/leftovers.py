@@ -189,7 +189,7 @@ class Leftovers:
         if str(self._features.read(name)).startswith("Rolling"):
             self._notes.append(
                 f"{self._device}: {name} is Rolling: rows are exposed one after the other, so that masks at both ends "
-                "of an exposure reach only some of them; make the exposure longer than the masks by the readout time"
+                "of an exposure reach only some of them; a plan refuses masks that are short beside the readout time"
             )
 
     def _name_switches(self, listed: list[tuple[str, str]]) -> None:

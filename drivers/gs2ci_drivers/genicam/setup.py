@@ -4,23 +4,22 @@ Chapters of the convention that this follows: Image Format Control (Width, Heigh
 Acquisition Control (AcquisitionMode, TriggerSelector to TriggerDelay, ExposureMode, ExposureTime), Analog Control
 (Gain), Chunk Data Control.
 
-Here: what a camera offers, and one configuration of it. Not here: frames (`driver`), features one by one (`nodes`),
-what other programs left set (`leftovers`).
+Here: what a camera offers, and one configuration of it. Not here: its trigger (`trigger`), frames (`driver`), features
+one by one (`nodes`), what other programs left set (`leftovers`).
 """
 
 from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
-from gs2ci_drivers.genicam.leftovers import DEBOUNCERS, Leftovers
+from gs2ci_drivers.genicam.leftovers import SHUTTERS, Leftovers
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
+from gs2ci_drivers.genicam.trigger import Trigger
 from gs2ci_drivers.ports import CameraIdentity, Feature
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 
 US: Final = 1e-6
-OTHER_TRIGGERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
-"""Triggers that would block the camera if another program had left them on."""
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
 """The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
@@ -122,7 +121,7 @@ class GenicamSetup:
         self.form: PfncFormat = PFNC_FORMATS["Mono8"]
         self.chunks: tuple[str, ...] = ()
         self.settings: SensorSettings | None = None
-        self._set_delay_s = 0.0
+        self._trigger = Trigger(device, features, options, incidents)
 
     def apply(self, config: SensorConfig) -> SensorSettings:
         """Apply the configuration; a setting that limits others is set before them.
@@ -130,7 +129,7 @@ class GenicamSetup:
         Raises:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
-        self._stop_triggers()
+        self._trigger.stop_all()
         unit = self._options.gain_unit
         decibels = unit == "dB" if unit else None
         leftovers = Leftovers(self._device, self._features, self._options.features, self._incidents, decibels=decibels)
@@ -146,7 +145,7 @@ class GenicamSetup:
         self.chunks = self._set_chunks()
         readout_s = self._readout_s(config.trigger)
         recorded = leftovers.record()
-        self.set_trigger(config.trigger)
+        self._trigger.set(config.trigger)
         recorded |= leftovers.record_trigger()
         self.settings = SensorSettings(
             format=FrameFormat(self.form.name, height, width, self.form.bits, self.form.cfa),
@@ -157,7 +156,9 @@ class GenicamSetup:
             full_well_e=self._options.full_well_e,
             stride=0,
             buffers=config.buffers,
-            trigger_delay_s=self._delay_s(config.trigger),
+            trigger_delay_s=self._trigger.delay_s,
+            link_s=self._link_s(exposure_s + readout_s),
+            rows_s=readout_s if self._rolls() else 0.0,
             recorded=recorded,
         )
         return self.settings
@@ -168,62 +169,7 @@ class GenicamSetup:
         Raises:
             DriverError: As `apply`.
         """
-        features, options = self._features, self._options
-        if features.has("TriggerSelector", options.trigger_selector):
-            features.write("TriggerSelector", options.trigger_selector)
-        features.write_if_there("TriggerMode", "Off")  # some cameras lock the rest while it is on
-        self._set_delay_s = 0.0
-        if mode is TriggerMode.FREE_RUN:
-            features.write_if_there("ExposureMode", "Timed")
-            return
-        features.write("TriggerSource", options.trigger_line)
-        # SFNC only recommends TriggerActivation: a camera without it takes rising edges.
-        if options.trigger_activation != "RisingEdge" or features.has("TriggerActivation"):
-            features.write("TriggerActivation", options.trigger_activation)
-        features.write_if_there("ExposureMode", "TriggerWidth" if mode is TriggerMode.LEVEL else "Timed")
-        if options.trigger_overlap:
-            features.write("TriggerOverlap", options.trigger_overlap)
-        delay = features.first(("TriggerDelay", "TriggerDelayAbs"))
-        if delay is not None:
-            unit_s = seconds_per_unit(self._device, *delay)
-            least = delay[1].low if not options.trigger_delay_s else 0.0
-            self._set_delay_s = unit_s * float(features.write(delay[0], max(options.trigger_delay_s / unit_s, least)))
-        elif options.trigger_delay_s:
-            raise UnsupportedError(
-                self._device,
-                "the camera has no feature TriggerDelay",
-                asked="configure",
-                remedy="leave trigger_delay_s in [sensor] out",
-            )
-        self._set_delay_s += self._debounced_s()
-        features.write("TriggerMode", "On")
-
-    def _debounced_s(self) -> float:
-        """Return how much later an edge of the trigger line acts, because its level has to last."""
-        features, line = self._features, self._options.trigger_line
-        found = features.first(DEBOUNCERS)
-        if found is None or not found[1].readable:
-            return 0.0
-        if not features.has("LineSelector", line):
-            return seconds_per_unit(self._device, *found) * float(features.read(found[0]))
-        before = features.read("LineSelector")
-        features.write("LineSelector", line)
-        lasting = float(features.read(found[0]))
-        features.write("LineSelector", before)
-        return seconds_per_unit(self._device, *found) * lasting
-
-    def _stop_triggers(self) -> None:
-        """Switch every trigger off: some lock other features while they are on, others would block the camera."""
-        features = self._features
-        features.write_if_there("AcquisitionMode", "Continuous")
-        selector = features.find("TriggerSelector")
-        if selector is None:
-            features.write_if_there("TriggerMode", "Off")
-            return
-        for name in dict.fromkeys((*OTHER_TRIGGERS, self._options.trigger_selector)):
-            if name in selector.symbols:
-                features.write("TriggerSelector", name)
-                features.write_if_there("TriggerMode", "Off")
+        self._trigger.set(mode)
 
     def _set_format(self, name: str) -> PfncFormat:
         if name:
@@ -368,6 +314,30 @@ class GenicamSetup:
             remedy="set `readout_s` in [sensor] from the camera's data sheet",
         )
 
+    def _link_s(self, taken_s: float) -> float:
+        """Return how long a frame takes over a link that is limited; 0 if no limit is told. Note one that slows down.
+
+        Args:
+            taken_s: How long exposure and readout of a frame take.
+        """
+        features = self._features
+        limit, size = features.number("DeviceLinkThroughputLimit"), features.number("PayloadSize")
+        off = features.has("DeviceLinkThroughputLimitMode") and features.read("DeviceLinkThroughputLimitMode") == "Off"
+        if not limit or not size or off:
+            return 0.0
+        link_s = size / limit
+        if link_s > taken_s:
+            self._incidents.append(
+                f"{self._device}: DeviceLinkThroughputLimit is {limit / 1e6:g} MB/s: a frame takes {link_s * 1e3:.3g} "
+                f"ms to leave the camera, longer than the {taken_s * 1e3:.3g} ms of its exposure and readout, and "
+                "earlier triggers would be lost; plans keep to it, [sensor.features] can raise it"
+            )
+        return link_s
+
+    def _rolls(self) -> bool:
+        found = self._features.first(SHUTTERS)
+        return found is not None and found[1].readable and str(self._features.read(found[0])).startswith("Rolling")
+
     def _highest_rate_hz(self) -> float | None:
         """Return the frame rate that the camera computes for its shortest exposure; None if it computes none.
 
@@ -395,8 +365,3 @@ class GenicamSetup:
         limits = self._features.find("AcquisitionFrameRate")
         rate = told if told is not None else limits.high if limits is not None else 0.0
         return rate if rate > 0 else None
-
-    def _delay_s(self, mode: TriggerMode) -> float:
-        if mode is TriggerMode.FREE_RUN:
-            return 0.0
-        return self._set_delay_s + self._options.trigger_latency_s

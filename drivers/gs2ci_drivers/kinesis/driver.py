@@ -7,6 +7,9 @@ Here: what a stage does, in messages of the APT protocol. Not here: bytes (`pack
 - The speed of a move is a parameter of the channel, in memory that power clears. It is set before each move, its
   acceleration is left as it is; what was found is put back on closing. A session that was killed leaves its own speed
   behind, so the highest speed is the model's, not the one that is found.
+- A move in reverse passes its target and comes back to it, unless the channel's backlash distance is 0
+  (MGMSG_MOT_SET_GENMOVEPARAMS): a sweep would turn round at its end instead of resting, and reach beyond the travel.
+  The distance is set to 0 before the first move, and put back on closing; what play the screw has is the calibration's.
 - A move is not acknowledged, and its end is told by a message that other programs may have switched off
   (MGMSG_MOT_SUSPEND_ENDOFMOVEMSGS): the driver asks for the state instead. For a moment after the request the status
   does not yet show the motion; a move counts as begun for that long.
@@ -42,6 +45,7 @@ from gs2ci_drivers.kinesis.packets import (
     Message,
     move_absolute,
     parse_info,
+    set_overshoot,
     set_speed,
     short,
 )
@@ -81,6 +85,8 @@ class KinesisStage(Stage):
         self._link = AptLink(name, port, clock, sources=sources, incidents=self.incidents)
         self._found: dict[str, tuple[int, int]] = {}
         self._set: dict[str, int] = {}
+        self._overshoots: dict[str, int] = {}
+        self._straight: set[str] = set()
         self._targets: dict[str, int] = {}
         self._begun_s = -BEGIN_S
 
@@ -114,6 +120,11 @@ class KinesisStage(Stage):
         if acceleration < 1:
             raise BadReplyError(self.name, asked, reply.data, f"axis {axis} has no acceleration", allowed="1 or more")
         self._found[axis], self._set[axis] = (acceleration, speed), speed
+        asked = "MGMSG_MOT_REQ_GENMOVEPARAMS"
+        reply = self._link.ask(
+            short(Message.MOT_REQ_GENMOVEPARAMS, dest), Message.MOT_GET_GENMOVEPARAMS, dest, asked, 6
+        )
+        self._overshoots[axis] = struct.unpack_from("<Hi", reply.data)[1]
         return AxisInfo(
             name=axis,
             min_mm=0.0,
@@ -128,6 +139,9 @@ class KinesisStage(Stage):
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         self._targets = {}
         for axis in axes:
+            # Its power may have been cut, and with that all settings are those of its own memory again.
+            self._set.pop(axis, None)
+            self._straight.discard(axis)
             self._enable(axis)
             self._link.send(short(Message.MOT_MOVE_HOME, self._dest[axis]), f"home {axis}")
         self._begun_s = self.clock.now_s()
@@ -145,6 +159,7 @@ class KinesisStage(Stage):
         self._targets = {axis: self._models[axis].counts(target) for axis, target in targets_mm.items()}
         for axis, counts in self._targets.items():
             self._enable(axis)
+            self._end_on_targets(axis)
             self._set_speed(axis, max(1, round(speed_mm_s / self._models[axis].speed_unit_mm_s)))
             self._link.send(move_absolute(self._dest[axis], counts), f"move {axis} to {counts} counts")
         self._begun_s = self.clock.now_s()
@@ -210,8 +225,11 @@ class KinesisStage(Stage):
     def _do_close(self) -> None:
         try:
             for axis, (acceleration, speed) in self._found.items():
-                if self._set[axis] != speed:
+                if self._set.get(axis) != speed:
                     self._link.send(set_speed(self._dest[axis], acceleration, speed), "put the speed back")
+            for axis in self._straight:
+                if counts := self._overshoots[axis]:
+                    self._link.send(set_overshoot(self._dest[axis], counts), "put the backlash distance back")
         except DriverError:  # the line may be dead; closing must still release the port
             self._found = {}
         self._link.close()
@@ -264,8 +282,20 @@ class KinesisStage(Stage):
             self._link.send(short(Message.MOD_SET_CHANENABLESTATE, self._dest[axis], CHANNEL, 1), f"enable {axis}")
             self.incidents.append(f"{self.name}: the motor of axis {axis} was off and has been switched on")
 
+    def _end_on_targets(self, axis: str) -> None:
+        """Have moves in reverse end where they are told to, instead of passing their target and coming back."""
+        if axis in self._straight:
+            return
+        if counts := self._overshoots[axis]:
+            self._link.send(set_overshoot(self._dest[axis], 0), f"set the backlash distance of {axis}")
+            self.incidents.append(
+                f"{self.name}: moves of axis {axis} in reverse passed their target by "
+                f"{self._models[axis].mm(counts):.3g} mm and came back; this is off until the stage is closed"
+            )
+        self._straight.add(axis)
+
     def _set_speed(self, axis: str, speed: int) -> None:
-        if speed != self._set[axis]:
+        if speed != self._set.get(axis):
             self._link.send(set_speed(self._dest[axis], self._found[axis][0], speed), f"set the speed of {axis}")
             self._set[axis] = speed
 

@@ -41,6 +41,9 @@ class Message(IntEnum):
     MOT_GET_VELPARAMS = 0x0415
     MOT_REQ_STATUSBITS = 0x0429
     MOT_GET_STATUSBITS = 0x042A
+    MOT_SET_GENMOVEPARAMS = 0x043A
+    MOT_REQ_GENMOVEPARAMS = 0x043B
+    MOT_GET_GENMOVEPARAMS = 0x043C
     MOT_MOVE_HOME = 0x0443
     MOT_MOVE_HOMED = 0x0444
     MOT_MOVE_ABSOLUTE = 0x0453
@@ -120,6 +123,11 @@ def move_absolute(dest: int, counts: int) -> bytes:
 def set_speed(dest: int, acceleration: int, speed: int) -> bytes:
     """Return the setting of the speed and acceleration of moves; their first speed is always 0."""
     return long(Message.MOT_SET_VELPARAMS, dest, struct.pack("<Hiii", CHANNEL, 0, acceleration, speed))
+
+
+def set_overshoot(dest: int, counts: int) -> bytes:
+    """Return the setting of how far moves in reverse pass their target before they come back to it ("backlash")."""
+    return long(Message.MOT_SET_GENMOVEPARAMS, dest, struct.pack("<Hi", CHANNEL, counts))
 
 
 def find_message(buffer: bytes, sources: frozenset[int]) -> tuple[AptMessage | None, bytes, int]:

@@ -65,6 +65,9 @@ class V4l2Options(CameraOptions):
     """Exposure of a camera that has no control for it."""
     readout_s: Delay | None = None
     """Time from the end of an exposure to the earliest next one; without it, computed from the line time."""
+    shutter: Literal["global", "rolling"] | None = None
+    """Whether all rows expose at once ("global") or one after the other ("rolling"); without it, by the name of the
+    sensor's kernel driver where that is known, and at once otherwise."""
     exposure_offset_s: Offset | None = None
     """Constant added to the exposure; without it, the known constant of `trigger_module`."""
     first_sequence: Annotated[int, Field(ge=-1)] | None = None

@@ -19,6 +19,7 @@ from gs2ci_drivers.v4l2.exposure import ExposureControl, counts_microseconds, li
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, FrameGeometry, PixelFormat
 from gs2ci_drivers.v4l2.node import Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.v4l2.rows import ROLLS, rolls
 from gs2ci_drivers.v4l2.trigger import trigger_adapter
 
 REGION_STEP_PX: Final = 4
@@ -66,6 +67,7 @@ class OpenCamera:
             self.controls = ControlTable(self._subdevice or self.node)
             self._others = ControlTable(self.node) if self._subdevice is not None else None
             self._micro = counts_microseconds(port, self.controls)
+            self._rolls = rolls(port, options)
             self.adapter = trigger_adapter(port, clock, name, self.controls, options)
             undo.pop_all()
 
@@ -155,11 +157,15 @@ class OpenCamera:
         self.adapter.set_mode(config.trigger)
         offset_s = self._options.exposure_offset_s
         exposure_s = self._set_exposure(config, fmt.width)
+        readout_s = self._readout_s(fmt, config.trigger)
+        if self._rolls:
+            notes.append(f"{self.name}: {ROLLS.format(readout_s * 1e3)}")
         settings = SensorSettings(
             format=self._frame_format(geometry.pixel, fmt),
             exposure_s=exposure_s,
             trigger=config.trigger,
-            readout_s=self._readout_s(fmt, config.trigger),
+            readout_s=readout_s,
+            rows_s=readout_s if self._rolls else 0.0,
             exposure_offset_s=self.adapter.exposure_offset_s if offset_s is None else offset_s,
             full_well_e=self._options.full_well_e,
             stride=geometry.stride,

@@ -36,6 +36,7 @@ POLL_SHARE = 0.05
 ARRIVAL_STEPS = 2
 """Microsteps by which a finished move may miss its target, on an axis that has no tolerance of its own."""
 MM_PER_UM = 1e-3
+S_PER_MS = 1e-3
 STOP_TIMEOUT_S = 5.0
 SPEEDS_SINCE = (7, 25)
 """Firmware from which on `move abs` takes a speed of its own."""
@@ -104,6 +105,7 @@ class ZaberStage(Stage):
                 f"axis {axis} cannot move",
                 allowed="1 or more",
             )
+        begin_mm_s2, end_mm_s2 = self._ramps_mm_s2(axis)
         return AxisInfo(
             name=axis,
             min_mm=units.mm(self._number(number, "limit.min")),
@@ -111,14 +113,26 @@ class ZaberStage(Stage):
             step_mm=units.microstep_mm,
             max_speed_mm_s=units.speed_mm_s(self._own_speed[axis]),
             speed_step_mm_s=units.speed_mm_s(1),
-            acceleration_mm_s2=units.acceleration_mm_s2(self._number(number, "accel")),
-            window_mm=max(self._settle_mm(number), ARRIVAL_STEPS * units.microstep_mm),
+            acceleration_mm_s2=begin_mm_s2,
+            braking_mm_s2=end_mm_s2,
+            rounding_s=self._optional(number, "motion.accel.ramptime") * S_PER_MS,
+            # Within what a servo axis comes to rest: its position goes on to change by some counts.
+            window_mm=max(
+                self._optional(number, "cloop.settle.tolerance") * MM_PER_UM, ARRIVAL_STEPS * units.microstep_mm
+            ),
         )
 
-    def _settle_mm(self, number: int) -> float:
-        """Return within what a servo axis comes to rest: its position goes on to change by some counts."""
+    def _ramps_mm_s2(self, axis: str) -> tuple[float, float]:
+        """Return the accelerations at the begin and the end of a move; older firmware has one setting for both."""
+        number, units = self._numbers[axis], self._units[axis]
+        ends = [round(self._optional(number, f"motion.{end}")) for end in ("accelonly", "decelonly")]
+        begin, end = ends if any(ends) else [self._number(number, "accel")] * 2
+        return units.acceleration_mm_s2(begin), units.acceleration_mm_s2(end)
+
+    def _optional(self, number: int, setting: str) -> float:
+        """Return a setting's number, 0 where a device has no such setting."""
         try:
-            return self._reading(number, "cloop.settle.tolerance") * MM_PER_UM
+            return self._reading(number, setting)
         except RefusedError:
             return 0.0
 

@@ -5,7 +5,7 @@ Here: loading them under their keys. Not here: names of keys (`roles`), the orde
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from gs2ci.core.foreign import roles
 from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.opening import open_foreign
 from gs2ci.core.foreign.options import ImportOptions
+
+# The median of weights that are shares of an interval: a mask may be shown twice as long, and none is hardly shown.
+_TYPICAL_SHARES: Final = (0.05, 2.0)
 
 
 @dataclass(frozen=True)
@@ -97,4 +100,11 @@ def weights_of(found: Found, stored: int, used: int, guesses: list[str]) -> F32:
             remedy="correct them or take them out of the file",
         )
     guesses.append(f"{given.where}: weights of the masks, {values.min():.3g} to {values.max():.3g}")
+    least, most = _TYPICAL_SHARES
+    if not least <= float(np.median(values[values > 0])) <= most:
+        guesses.append(
+            f"WARNING: {given.where}: no shares of an interval, which are about 1: taken as exposure times, and "
+            "divided by the longest"
+        )
+        values = values / values.max()
     return values

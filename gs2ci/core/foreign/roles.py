@@ -58,15 +58,21 @@ def key_of(container: Container, role: Role, said: str | None, guesses: list[str
     if said == "none":
         return None
     if said is not None:
-        if said not in container.entries:
-            raise InputError(f"{container.path}: no key {said!r}", allowed=container.listing())
-        return said
+        return _key_said(container, said)
     by_name = names_of(container)
     found = [by_name[alias] for alias in ALIASES[role] if alias in by_name]
     if len(found) > 1:
         flag = f"; choose with {_FLAGS[role]}" if role in _FLAGS else ""
         guesses.append(f"{role}: key {found[0]!r}, not {', '.join(map(repr, found[1:]))}{flag}")
     return found[0] if found else None
+
+
+def _key_said(container: Container, said: str) -> str:
+    """Return the key that the user named, in groups also by its last name, where it is one's."""
+    key = said if said in container.entries else names_of(container).get(said.lower())
+    if key is None:
+        raise InputError(f"{container.path}: no key {said!r}", allowed=container.listing())
+    return key
 
 
 def names_of(container: Container) -> dict[str, str]:

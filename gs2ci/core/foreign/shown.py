@@ -36,7 +36,8 @@ class Traces:
     Args:
         shares: Relative to the typical one that was shown, [N].
         errors: Their standard errors, [N].
-        unexplained: Share of the fine pattern's variance that all of them leave.
+        unexplained: Share of the fine pattern's variance that neither they nor the texture of what they show explain:
+            that of masks which are missing, and of noise.
     """
 
     shares: F64
@@ -71,30 +72,58 @@ def traces(image: F64, masks: F32, *, clip: float = np.inf, is_mosaic: bool = Fa
     Returns:
         The traces; None where nothing can be told: few pixels, none of them well lit, or masks alike.
     """
-    count = len(masks)
-    gram, right, total, pixels = np.zeros((count, count)), np.zeros(count), 0.0, 0
-    for plane, stack in zip(
-        lattices(_cut(image), is_mosaic), lattices(_cut(masks.astype(np.float64)), is_mosaic), strict=True
-    ):
-        level = local_mean(plane)
-        bright = float(np.quantile(level, 0.9))
-        used = level > max(_DARKEST * bright, 0)
-        if np.isfinite(clip):
-            used &= local_mean((plane >= clip).astype(np.float64)) < _CLIPPED_NEAR
-        if bright <= 0 or not used.any():
-            continue
-        weight = np.where(used, np.minimum(level / bright, 1), 0)
-        relative = np.where(used, plane / np.where(used, level, 1.0), 1.0)
+    parts = [
+        part
+        for plane, stack in zip(
+            lattices(_cut(image), is_mosaic), lattices(_cut(masks.astype(np.float64)), is_mosaic), strict=True
+        )
+        if (part := _part(plane, stack, clip)) is not None
+    ]
+    return _solved(parts, len(masks)) if parts else None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Pixels of one colour.
+
+    Args:
+        seen: The fine pattern of the readings, weighted, [P].
+        known: Those of the masks, weighted alike, [N, P].
+        opened: How much the masks let through, relative to the mean, [P].
+        weight: [P]; 0 where a pixel tells nothing.
+    """
+
+    seen: F64
+    known: F64
+    opened: F64
+    weight: F64
+
+
+def _part(plane: F64, stack: F64, clip: float) -> _Part | None:
+    level = local_mean(plane)
+    bright = float(np.quantile(level, 0.9))
+    used = level > max(_DARKEST * bright, 0)
+    if np.isfinite(clip):
+        used &= local_mean((plane >= clip).astype(np.float64)) < _CLIPPED_NEAR
+    if bright <= 0 or not used.any():
+        return None
+    weight = np.where(used, np.minimum(level / bright, 1), 0)
+    relative = np.where(used, plane / np.where(used, level, 1.0), 1.0)
+    opened = stack.sum(axis=0)
+    return _Part(
         # A bright pixel must not outweigh all others.
-        seen = (_fine(np.minimum(relative, 8.0)) * weight).ravel()
-        known = (_fine(stack) * weight).reshape(count, -1)
-        gram, right = gram + known @ known.T, right + known @ seen
-        total, pixels = total + float(seen @ seen), pixels + int(used.sum())
-    return _solved(gram, right, total, pixels)
+        (_fine(np.minimum(relative, 8.0)) * weight).ravel(),
+        (_fine(stack) * weight).reshape(len(stack), -1),
+        (opened / max(float(opened.mean()), 1e-12)).ravel(),
+        weight.ravel(),
+    )
 
 
-def _solved(gram: F64, right: F64, total: float, pixels: int) -> Traces | None:
-    count = len(gram)
+def _solved(parts: list[_Part], count: int) -> Traces | None:
+    gram = sum((part.known @ part.known.T for part in parts), np.zeros((count, count)))
+    right = sum((part.known @ part.seen for part in parts), np.zeros(count))
+    total = sum(float(part.seen @ part.seen) for part in parts)
+    pixels = sum(int((part.weight > 0).sum()) for part in parts)
     size = float(np.trace(gram)) / count
     if pixels < _PIXELS_PER_MASK * count or size <= 0 or total <= 0:
         return None
@@ -107,7 +136,21 @@ def _solved(gram: F64, right: F64, total: float, pixels: int) -> Traces | None:
     if shares.max() <= 0:
         return None
     typical = float(np.median(shares[shares >= _NOT_SHOWN * shares.max()]))
-    return Traces(shares / typical, errors / typical, left / total)
+    return Traces(shares / typical, errors / typical, _of_no_mask(parts, shares) / total)
+
+
+def _of_no_mask(parts: list[_Part], shares: F64) -> float:
+    """Return how much of the squared residual does not grow with what the masks let through.
+
+    Texture, and its motion from view to view, shows where masks are open and as the square of how much they are; a mask
+    that is missing shows wherever it was open itself.
+    """
+    squares = np.concatenate([(part.seen - shares @ part.known) ** 2 for part in parts])
+    constant = np.concatenate([part.weight**2 for part in parts])
+    growing = constant * np.concatenate([part.opened**2 for part in parts])
+    terms = np.stack([constant, growing])
+    found = np.linalg.lstsq(terms @ terms.T, terms @ squares, rcond=None)[0]
+    return max(float(found[0] * constant.sum()), 0.0)
 
 
 def _cut(image: NDArray[Any]) -> NDArray[Any]:

@@ -20,6 +20,8 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.report import Report
 
+# Units are those of UDUNITS, "" where there is none (NeXus manual, "NeXus Data Units"; nxdlTypes, NX_UNITLESS).
+_KNOWN_UNITS: Final = ("mm",)
 CHANNELS: Final = ("red", "green", "blue")
 # Places in standard groups for the operator's entries of these names.
 _PLACES: Final = {
@@ -58,13 +60,15 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
             entry["start_time"] = str(report.provenance["taken_at"])
         if "experiment" in metadata:
             entry["experiment_identifier"] = str(metadata["experiment"])
-        _data(entry, "views", views, ("view", "y", "x", "channel"), "full scales", "views recovered from one exposure")
+        unit = report.length_unit
+        _data(entry, "views", views, ("view", "y", "x", "channel"), "1", "views of one exposure, full scale 1")
         if depth is not None:
-            unit = report.length_unit
-            _data(entry, "depth", depth, ("view", "y", "x"), unit, "distance along the optical axis, 0: unknown")
-        _instrument(entry, cameras, views.shape, report.length_unit)
+            said = f"distance along the optical axis in {unit}, 0: unknown"
+            _data(entry, "depth", depth, ("view", "y", "x"), unit if unit in _KNOWN_UNITS else "", said)
+        _instrument(entry, cameras, views.shape, unit)
         _write_metadata(entry, metadata)
-        entry["report"] = report.text()
+        notes = _group(entry, "notes", "NXnote")
+        notes["description"], notes["type"], notes["data"] = "the run's report", "application/json", report.text()
         file.flush()
         content = file.id.get_file_image()
     write_whole(path, content)
@@ -83,7 +87,7 @@ def _data(entry: Any, name: str, values: F32, axes: Sequence[str], units: str, t
     group.attrs["axes"] = list(axes)
     group["title"] = title
     group.create_dataset(name, data=values, compression="gzip", shuffle=True)
-    group[name].attrs["units"] = units
+    group[name].attrs["units"], group[name].attrs["long_name"] = units, title
     for index, axis in enumerate(axes):
         group.attrs[f"{axis}_indices"] = index
         if axis == "channel":
@@ -92,7 +96,8 @@ def _data(entry: Any, name: str, values: F32, axes: Sequence[str], units: str, t
         else:
             centre = 0.5 if axis in ("x", "y") else 0
             group[axis] = np.arange(values.shape[index]) + centre
-            group[axis].attrs["units"] = "px" if axis in ("x", "y") else ""
+            group[axis].attrs["units"] = ""
+            group[axis].attrs["long_name"] = f"{axis}, px" if axis in ("x", "y") else axis
 
 
 def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...], unit: str) -> None:

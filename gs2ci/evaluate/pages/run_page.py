@@ -12,7 +12,6 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from gs2ci.core.durations import spoken_duration
-from gs2ci.core.run_figures import ExposureSection
 from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
@@ -403,31 +402,16 @@ def _exposures(report: Report) -> Markup:
             said(one.heldout_rms.scene),
             said(one.heldout_rms.of(one.verdict)),
             better(one.first_view, one.views),
-            *_without(one),
+            "" if one.seen_alone is None else f"{100 * one.seen_alone:.0f} %",
         ]
         for one in report.exposures
     ]
     headings = (
         *("exposure", "views", "path from", "residual of the decode", "of the scene", "of the views", "PSNR, dB"),
-        *("seen by it alone", "depth without it", "colours without it"),
+        "seen by it alone",
     )
     shown = [number for number in range(len(headings)) if any(row[number] for row in rows)]
-    table = pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
-    if not any(one.without for one in report.exposures):
-        return table
-    said_of_it = (
-        "Without an exposure, what it alone sees would be lost; where others see as well, what noise adds to errors of "
-        "depth and colours would be so many times as large. Foreseen from masks, paths and depths, not by a fit."
-    )
-    return table + pieces.paragraph(said_of_it)
-
-
-def _without(one: ExposureSection) -> list[str]:
-    """Say what leaving an exposure out would change."""
-    if one.without is None:
-        return ["", "", ""]
-    times = (one.without.depth_times, one.without.colour_times)
-    return [f"{100 * one.without.alone:.0f} %", *("" if value is None else f"{value:.2f} x" for value in times)]
+    return pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
 
 
 def _race(report: Report) -> Markup:

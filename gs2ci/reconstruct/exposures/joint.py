@@ -191,7 +191,7 @@ def _handed_over(
     together = (finding(Code.EXPOSURES_TOGETHER, exposures=len(parts)),) if len(parts) > 1 else ()
     seconds = {**clock.seconds(), "decode": sum(one.seconds["decode"] for one in parts)}
     result = merged(parts, names, (*where.left_out, *where.notes, *together), seconds)
-    result = with_what_each_gave(result, shots)
+    result = with_what_each_gave(result)
     if any(part.registered is not None for part in parts):
         # A camera matrix that was estimated is in the record, and belongs to no measurement.
         registered = [

@@ -13,13 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
-from gs2ci.reconstruct.exposures.without_one import ViewsTogether, without_each
+from gs2ci.reconstruct.exposures.seen_alone import ViewsTogether, seen_alone
 
 _STACKED: Final = (
     *("views", "scene_views", "decode", "exposed_views"),
@@ -105,33 +103,14 @@ def _summary(parts: Sequence[RunResult], number: int, name: str) -> ExposureSect
     )
 
 
-def with_what_each_gave(result: RunResult, shots: Sequence[Shot]) -> RunResult:
-    """Return the record of all exposures with what leaving each of them out would change, if it has depth.
-
-    Args:
-        result: From `merged`.
-        shots: The measurements, registered.
-    """
+def with_what_each_gave(result: RunResult) -> RunResult:
+    """Return the record of all exposures, from `merged`, with what each of them alone shows, if it has depth."""
     if result.depth is None or not result.exposures:
         return result
-    told = [_about_colours(shot, one) for shot, one in zip(shots, result.exposures, strict=True)]
-    views = ViewsTogether(
-        result.depth,
-        result.world_to_camera,
-        result.intrinsics,
-        result.distortion,
-        np.concatenate(told),
-        np.repeat(np.arange(len(told)), [len(one) for one in told]),
-    )
-    each = zip(result.exposures, without_each(views), strict=True)
-    return replace(result, exposures=tuple(replace(one, without=without) for one, without in each))
-
-
-def _about_colours(shot: Shot, summary: ExposureSection) -> F64:
-    """Return the information of each view about a colour, [N]: mean square of its mask's light over that of errors."""
-    light = np.square(shot.weights.astype(np.float64)) * np.square(shot.masks).mean(axis=(1, 2), dtype=np.float64)
-    rms = summary.heldout_rms.of(summary.verdict)
-    return light / rms**2 if rms else light
+    own = np.repeat(np.arange(len(result.exposures)), [one.views for one in result.exposures])
+    views = ViewsTogether(result.depth, result.world_to_camera, result.intrinsics, result.distortion, own)
+    each = zip(result.exposures, seen_alone(views), strict=True)
+    return replace(result, exposures=tuple(replace(one, seen_alone=share) for one, share in each))
 
 
 def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding, ...]:

@@ -24,9 +24,10 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise, usable_tracks
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
+from gs2ci.reconstruct.geometry.path.adjustment_kernels import INVERSE_DEPTH_RANGE
 from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.path.focal import Focal, default_focal, estimate_focal, focal_from_view_angle
-from gs2ci.reconstruct.geometry.path.motion import INVERSE_DEPTH_RANGE, predict_positions
+from gs2ci.reconstruct.geometry.path.motion import predict_positions
 from gs2ci.reconstruct.geometry.path.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.path.telemetry import place_points
 from gs2ci.reconstruct.geometry.path.validity import Criteria, classify_motion, doubts_about_tracks, supported_views

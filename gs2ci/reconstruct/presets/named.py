@@ -61,6 +61,6 @@ def preset(name: PresetName) -> Settings:
     Raises:
         InputError: There is none of that name.
     """
-    if name not in PRESETS:
+    if name not in tuple(PRESETS):
         raise InputError(f"no preset {name!r}", allowed=", ".join(PRESETS))
     return PRESETS[name]

@@ -22,6 +22,7 @@ from gs2ci_sims.world import World
 PARKED = declare("dlpc900.parked", "the mirrors park: the status reports it, and nothing is shown")
 FORGETS = declare("dlpc900.forgets_images", "the image memory is lost before a start, without an error")
 STANDBY = declare("dlpc900.standby", "another program has sent the controller to standby")
+SECONDARY = declare("dlpc900.secondary_silent", "of two controllers the secondary does not answer: its half is dark")
 STAYS_RUNNING = declare("dlpc900.ignores_stop", "a stop is acknowledged and ignored")
 
 _ON_THE_FLY: Final = 3
@@ -118,6 +119,8 @@ class Firmware:
         self.parked = False
         self.table: dict[int, Entry] = {}
         self.images: tuple[dict[int, U32], ...] = ({}, {})
+        self.secondary = True
+        """Whether the second of two controllers answers."""
         self._planes: dict[tuple[int, int, int], U8] = {}
         self._loading: list[Loading | None] = [None, None]
         self._entries = 0
@@ -186,7 +189,11 @@ class Firmware:
         return bytes([self._told])
 
     def _read_hardware_status(self) -> bytes:
-        return bytes([1 | (0x10 if self.mirrors.dual else 0) | (0x40 if self.sequencer.aborted else 0)])
+        if self.mirrors.dual and self.faults.take(SECONDARY):
+            self.secondary = False
+            self._planes.clear()
+        dual = self.mirrors.dual and self.secondary
+        return bytes([1 | (0x10 if dual else 0) | (0x40 if self.sequencer.aborted else 0)])
 
     def _read_main_status(self) -> bytes:
         if self.faults.take(PARKED):
@@ -281,6 +288,7 @@ class Firmware:
 
     def _begin_image(self, controller: int, data: bytes) -> None:
         _require(len(data) == 6 and (controller == 0 or self.mirrors.dual), 6)
+        _require(controller == 0 or self.secondary, 2)
         _require(self._settings[0x1A1B] == bytes([_ON_THE_FLY]) and not self.sequencer.running, 5)
         _require(self._entries > 0, 16)
         image, total = int.from_bytes(data[0:2], "little"), int.from_bytes(data[2:6], "little")
@@ -347,11 +355,12 @@ class Firmware:
         """Return the mirrors' levels of an entry, from the decoded image."""
         key = (entry.image, entry.bit, entry.depth)
         if key not in self._planes:
-            memories = self.images if self.mirrors.dual else self.images[:1]
+            memories = self.images if self.mirrors.dual and self.secondary else self.images[:1]
             _require(all(entry.image in memory for memory in memories), 16)
             top = np.uint32((1 << entry.depth) - 1)
             # Joined as bytes: both halves of four megabytes of words would take three times as long.
             halves = [((memory[entry.image] >> entry.bit) & top).astype(np.uint8) for memory in memories]
+            halves += [np.zeros_like(halves[0])] * (len(self.images) - len(halves) if self.mirrors.dual else 0)
             self._planes[key] = np.hstack(halves)
         levels = self._planes[key]
         if self._settings[0x1A30] == b"\x01":

@@ -25,7 +25,7 @@ from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRe
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
 from gs2ci_sims.wires.genicam_processing import further_features, in_categories, process
-from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting
+from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting, by_rows
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel, Stamps
 from gs2ci_sims.world import World
 
@@ -84,8 +84,15 @@ class GenicamModel(ShutterModel):
         debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
             lasted for that long, so that edges act later by as much and shorter pulses are lost
             (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
+        line_left: LineMode and LineInverter of each line, as another program has left them; None: it has no such
+            features. An inverter turns edges round before anything else ("after any processing by the line inverter
+            module", Teledyne Linea HS manual), and an output takes none.
         shutters: Entries of SensorShutterMode, that at power-up first; none: it has no such feature. Behind "Rolling"
             each quarter of the rows begins and ends later than the one above it, the last one by `readout_s`.
+        link: DeviceLinkThroughputLimit in bytes a second and its mode, as another program has left them; None: it has
+            no such features. "If a DeviceLinkThroughputLimit is set and the unlimited link speed exceeds the set limit,
+            the acquisition frame rate would be adjusted" (Balluff CA-SF, Optimizing the bandwidth); triggers before
+            that are lost, as before AcquisitionFrameRate allows them.
     """
 
     height: int = 64
@@ -112,7 +119,9 @@ class GenicamModel(ShutterModel):
     auto_gain: float = 0.0
     processing: bool = False
     debouncer_us: tuple[float, float] | None = None
+    line_left: tuple[Literal["Input", "Output"], bool] | None = None
     shutters: tuple[str, ...] = ()
+    link: tuple[int, Literal["On", "Off"]] | None = None
 
 
 def bits_of(name: str) -> int:
@@ -190,7 +199,10 @@ class GenicamTwin:
             rng=rng or np.random.default_rng(0),
             exposure_s=self._exposure_s,
             deliver=self._deliver,
-            active_low=lambda: self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge",
+            active_low=lambda: (
+                (self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge")
+                != bool(self._of_line("LineInverter", absent=False))
+            ),
             delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
             least_period_s=self._least_period_s,
             debounce_s=self._debounce_s,
@@ -285,7 +297,10 @@ class GenicamTwin:
             return buffers  # the camera waits for another kind of trigger, which is never sent
         if self._trigger("TriggerMode", "Off") == "Off":
             self._shutter.start(Shutting.FREE)
-        elif self._trigger("TriggerSource", "") == self.model.trigger_input:
+        elif (
+            self._trigger("TriggerSource", "") == self.model.trigger_input
+            and self._of_line("LineMode", absent="Input") == "Input"
+        ):
             gated = self.nodes.read("ExposureMode") == "TriggerWidth"
             how = Shutting.LEVEL if gated else Shutting.EDGE
             self._clock.after(self.model.ready_s, lambda: self._shutter.start(how) if self.streaming else None)
@@ -382,6 +397,10 @@ class GenicamTwin:
         """Return a property of the trigger FrameStart, or what holds where the camera has no such feature."""
         return self.nodes.of(name, "FrameStart") if name in self.nodes else absent
 
+    def _of_line(self, name: str, *, absent: FeatureValue) -> FeatureValue:
+        """Return a property of the trigger's line, or what holds where the camera has no such feature."""
+        return self.nodes.of(name, self.model.trigger_input) if self.model.line_left else absent
+
     @property
     def _unit_s(self) -> float:
         return TIME_UNITS_S[self.model.time_unit]
@@ -407,19 +426,23 @@ class GenicamTwin:
 
     def _least_period_s(self) -> float:
         limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
-        return 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
+        rate_s = 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
+        if not self.model.link or self.nodes.read("DeviceLinkThroughputLimitMode") == "Off":
+            return rate_s
+        return max(rate_s, self._payload_bytes() / self.nodes.number("DeviceLinkThroughputLimit"))
+
+    def _payload_bytes(self) -> int:
+        _, _, height, width = self.region
+        name = str(self.nodes.read("PixelFormat"))
+        return len(pack_pfnc(np.zeros((height, width), np.uint16), name, self.model.padding_bytes))
 
     def _pixels(self, exposed: Exposed, height: int, width: int, bits: int) -> U16:
         """Return the camera's readings of its light with the settings that were left on it, [H, W]."""
         down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
         size = {"height": height * down, "width": width * right}
-        pixels = self._world.integrate(exposed.start_s, exposed.end_s, **size, bits=bits)
-        if self.model.shutters and self.nodes.read("SensorShutterMode") == "Rolling":
-            later_s, quarter = self.model.readout_s / 3, -(-size["height"] // 4)
-            for k in (1, 2, 3):
-                rows = slice(k * quarter, (k + 1) * quarter)
-                begun_s, ended_s = (when_s + k * later_s for when_s in (exposed.start_s, exposed.end_s))
-                pixels[rows] = self._world.integrate(begun_s, ended_s, **size, bits=bits)[rows]
+        rolls = self.model.shutters and self.nodes.read("SensorShutterMode") == "Rolling"
+        skew_s, integrate = self.model.readout_s if rolls else 0.0, partial(self._world.integrate, **size, bits=bits)
+        pixels = by_rows(exposed, skew_s, size["height"], integrate)
         top = (1 << bits) - 1
         binned = pixels.reshape(height, down, width, right).sum(axis=(1, 3), dtype=np.uint32)
         shares = np.minimum(binned, top) / top
@@ -486,12 +509,23 @@ class GenicamTwin:
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
         self._vary(nodes)
+        if model.debouncer_us is not None or model.line_left is not None:
+            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
+        if model.line_left is not None:
+            way, inverted = model.line_left
+            nodes["LineMode"] = Node("enumeration", way, symbols=("Input", "Output"), selector="LineSelector")
+            nodes["LineInverter"] = Node("boolean", inverted, selector="LineSelector")
         if model.debouncer_us is not None:
             found_us, least_us = model.debouncer_us
-            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
             nodes["LineDebouncerTime"] = Node(
                 *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
             )
+        if model.link is not None:
+            nodes["PayloadSize"] = Node("integer", fixed=True, read=self._payload_bytes)
+            nodes["DeviceLinkThroughputLimit"] = Node(
+                "integer", model.link[0], lambda: 1000.0, lambda: 400e6, locked=True, unit="Bps"
+            )
+            nodes["DeviceLinkThroughputLimitMode"] = Node("enumeration", model.link[1], symbols=("On", "Off"))
         if model.shutters:
             nodes["SensorShutterMode"] = Node("enumeration", model.shutters[0], symbols=model.shutters, locked=True)
         if model.tells == "time":

@@ -9,10 +9,14 @@ Communications Protocol":
   MGMSG_MOT_SUSPEND_ENDOFMOVEMSGS has switched that off; a move without a reference is carried out;
 - MGMSG_HW_START_UPDATEMSGS: a status update every 100 ms, at most 50 of them without MGMSG_MOT_ACK_DCSTATUSUPDATE;
 - MGMSG_MOT_SET_VELPARAMS: held in memory that power clears;
+- MGMSG_MOT_SET_GENMOVEPARAMS: a move in reverse goes past its target by this "backlash distance" and returns to it
+  (BMS001 manual, D.3.1: "a negative move ... first causes the stage to overshoot the target position and then move
+  positively through a small amount", "enabled as its default mode of operation");
 - MGMSG_MOT_MOVE_STOP: parameter 1 at once, 2 with deceleration; then MGMSG_MOT_MOVE_STOPPED;
 - a motor that is switched off ignores moves.
 
-That the status word lags by one update of 10 ms is an assumption: the document gives no figure. Not here: the byte
+That the status word lags by one update of 10 ms, and how far the distance is at power-up, are assumptions: the
+documents give no figures. Not here: the byte
 level (`serial_twin`), the driver.
 """
 
@@ -53,6 +57,7 @@ class AptAxis:
         sample_s: Interval of the servo loop, in which speeds are counted; 0 for a stepper motor.
         start_mm: Where it stands at power-up.
         mechanics: The errors between counted and true position.
+        overshoot_mm: Backlash distance at power-up; direct drives have none.
     """
 
     counts_per_mm: float = 20000.0
@@ -62,6 +67,7 @@ class AptAxis:
     sample_s: float = 102.4e-6
     start_mm: float = 55.0
     mechanics: Mechanics = field(default_factory=Mechanics)
+    overshoot_mm: float = 0.0
 
     @property
     def speed_unit(self) -> float:
@@ -75,19 +81,20 @@ class AptAxis:
 
 
 # Encoder of 512 counts, gear of 67.49:1, lead of 1 mm: 34555 counts per mm; the document's figure is 34554.96.
-_Z8: Final = AptAxis(34554.96, 25.0, 2.4, 4.5, 2048 / 6e6, 12.5)
+_SCREW_MM: Final = 0.05
+_Z8: Final = AptAxis(34554.96, 25.0, 2.4, 4.5, 2048 / 6e6, 12.5, overshoot_mm=_SCREW_MM)
 BUILT: Final[dict[str, AptAxis]] = {
     "MTS25-Z8": _Z8,
-    "MTS50-Z8": AptAxis(34554.96, 50.0, 2.4, 4.5, 2048 / 6e6, 25.0),
-    "Z812": AptAxis(34554.96, 12.0, 2.6, 4.0, 2048 / 6e6, 6.0),
-    "Z825": AptAxis(34554.96, 25.0, 2.6, 4.0, 2048 / 6e6, 12.5),
+    "MTS50-Z8": replace(_Z8, travel_mm=50.0, start_mm=25.0),
+    "Z812": replace(_Z8, travel_mm=12.0, speed_mm_s=2.6, acceleration_mm_s2=4.0, start_mm=6.0),
+    "Z825": replace(_Z8, speed_mm_s=2.6, acceleration_mm_s2=4.0),
     "MLS203-X": AptAxis(),
     "MLS203-Y": AptAxis(travel_mm=75.0, start_mm=37.5),
     "DDSM50": AptAxis(2000.0, 50.0, 100.0, 1000.0, start_mm=25.0),
     "DDSM100": AptAxis(2000.0, 100.0, 100.0, 1000.0, start_mm=50.0),
     "DDS220": AptAxis(20000.0, 220.0, 100.0, 1000.0, start_mm=110.0),
-    "LTS150": AptAxis(409600.0, 150.0, 20.0, 20.0, 0.0, 75.0),
-    "LTS300": AptAxis(409600.0, 300.0, 20.0, 20.0, 0.0, 150.0),
+    "LTS150": AptAxis(409600.0, 150.0, 20.0, 20.0, 0.0, 75.0, overshoot_mm=_SCREW_MM),
+    "LTS300": AptAxis(409600.0, 300.0, 20.0, 20.0, 0.0, 150.0, overshoot_mm=_SCREW_MM),
 }
 """Stages by their models, with typical settings."""
 
@@ -110,6 +117,7 @@ class _Axis:
     def reset_settings(self) -> None:
         self.speed = round(self.built.speed_mm_s * self.built.speed_unit)
         self.acceleration = round(self.built.acceleration_mm_s2 * self.built.acceleration_unit)
+        self.overshoot = round(self.built.overshoot_mm * self.built.counts_per_mm)
 
     def counts(self, now_s: float) -> int:
         """Return what the controller counts."""
@@ -227,6 +235,8 @@ class KinesisTwin(SerialTwin):
             0x0413: lambda: self._set_speed(axis, body),
             0x0414: lambda: self._answer(0x0415, dest, struct.pack("<Hiii", 1, 0, axis.acceleration, axis.speed)),
             0x0429: lambda: self._answer(0x042A, dest, struct.pack("<HI", 1, axis.bits(self.clock.now_s()))),
+            0x043A: lambda: setattr(axis, "overshoot", struct.unpack_from("<Hi", body)[1]),
+            0x043B: lambda: self._answer(0x043C, dest, struct.pack("<Hi", 1, axis.overshoot)),
             0x0443: lambda: self._home(dest, axis),
             0x0453: lambda: self._move(dest, axis, struct.unpack_from("<Hi", body)[1]),
             0x0465: lambda: self._stop(dest, axis, at_once=second == 1),
@@ -275,12 +285,21 @@ class KinesisTwin(SerialTwin):
         beside = self.faults.take(BESIDE)
         if beside:
             target_mm -= (beside.value or 0.1) * (1 if target_mm > here_mm else -1)
-        ends_s = self._begin(axis, target_mm, axis.speed / built.speed_unit, now_s)
+        past_mm = axis.overshoot / built.counts_per_mm if target_mm < here_mm else 0.0
+        speed_mm_s = axis.speed / built.speed_unit
+        ends_s = self._begin(axis, max(target_mm - past_mm, 0.0), speed_mm_s, now_s)
         self._schedule_faults(axis, now_s, ends_s)
+        returns = past_mm > 0
 
         def ends(when_s: float) -> None:
             def arrive() -> None:
-                if axis.motion.ends_s == when_s and self._ends_told:
+                nonlocal returns
+                if axis.motion.ends_s != when_s:
+                    return
+                if returns and not axis.error:
+                    returns = False
+                    ends(self._begin(axis, target_mm, speed_mm_s, when_s))
+                elif self._ends_told:
                     self._arrive(self._status(0x0464, address, axis), self.clock.now_s() + STATUS_S)
 
             self.clock.at(when_s, arrive)

@@ -10,6 +10,7 @@ from enum import Enum
 
 import numpy as np
 
+from gs2ci.core.arrays import U16
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Edge, Event, World
 
@@ -55,6 +56,22 @@ class Exposed:
 
     start_s: float
     end_s: float
+
+
+def by_rows(exposed: Exposed, skew_s: float, height: int, integrate: Callable[[float, float], U16]) -> U16:
+    """Integrate light as a rolling shutter does, [height, W]: in four steps, the last quarter `skew_s` after the first.
+
+    Args:
+        exposed: The exposure of the first rows.
+        skew_s: By how much later the last rows begin and end; 0 exposes all at once.
+        height: Number of rows.
+        integrate: Returns all rows between two times.
+    """
+    pixels, quarter = integrate(exposed.start_s, exposed.end_s), -(-height // 4)
+    for k in (1, 2, 3) if skew_s else ():
+        rows, later_s = slice(k * quarter, (k + 1) * quarter), skew_s * k / 3
+        pixels[rows] = integrate(exposed.start_s + later_s, exposed.end_s + later_s)[rows]
+    return pixels
 
 
 class CameraShutter:

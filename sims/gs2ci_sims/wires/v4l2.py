@@ -259,5 +259,6 @@ def simulated(world: World, settings: Any) -> V4l2Twin:
         flags_start=flags_start,
         crops=table.camera_array is not None,
         on_subdevice=bool(settings.subdevice),
+        rolls=settings.shutter == "rolling",
     )
     return V4l2Twin(world, model, world.stated.faults["sensor"], rng=np.random.default_rng(table.seed))

@@ -90,6 +90,8 @@ class CameraModel(ShutterModel):
         crops: Whether a region of the pixel array can be read out, and no other size: as in imx296_set_selection and
             imx296_set_format of drivers/media/i2c/imx296.c, offsets and sizes are rounded up to multiples of 4.
         processing: Whether it has further controls that change readings (`v4l2_processing`).
+        rolls: Whether rows begin one after the other, a line time apart, instead of all at once.
+        sensor: Kernel driver of the sensor, which the kernel lists below /sys/bus/i2c; "": it lists none.
         auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
     """
 
@@ -124,6 +126,8 @@ class CameraModel(ShutterModel):
     on_subdevice: bool = False
     crops: bool = False
     processing: bool = False
+    rolls: bool = False
+    sensor: str = ""
     auto_gain: int = 0
 
     @property
@@ -137,7 +141,9 @@ class CameraModel(ShutterModel):
 
     @property
     def files(self) -> dict[str, bytes]:
-        """Get the sensor's device tree as the kernel shows it, file by file: a number is big-endian, a flag empty."""
+        """Get what the kernel shows of the sensor, file by file; of its device tree, a number is big-endian."""
+        if self.sensor:
+            return {f"/sys/bus/i2c/drivers/{self.sensor}/10-0010": b""}
         if not self.tree_known:
             return {}
         if self.trigger == "module":

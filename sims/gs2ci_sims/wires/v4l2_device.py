@@ -11,11 +11,12 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from errno import EBUSY, EINVAL, ENOENT, ENOTTY, EPIPE
+from functools import partial
 
 import numpy as np
 
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting
+from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting, by_rows
 from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, CameraModel, pack_frame
 from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
 from gs2ci_sims.wires.v4l2_queue import (
@@ -420,7 +421,8 @@ class CaptureDevice:
     def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
         height, width = self._size
         bits = self._model.bits(self._code)
-        pixels = self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits)
+        integrate = partial(self._world.integrate, height=height, width=width, bits=bits)
+        pixels = by_rows(exposed, height * self._model.line_s if self._model.rolls else 0.0, height, integrate)
         pixels = self._controls.process(pixels, (1 << bits) - 1)
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
         shift = 16 - bits if words and self._model.left_aligned else 0

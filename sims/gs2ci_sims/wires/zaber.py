@@ -8,7 +8,9 @@ Closed-loop devices report what their encoder sees: one that stalls may recover 
 protocol manual, Warning flags); on a servo axis a step is a count of the encoder, of which it moves by some at rest,
 within `cloop.settle.tolerance` (µm; the maker's library converts it as a length). `warnings clear` lists the flags of
 before (inferred: the maker's library raises only then). After a loss of power the axis counts from 0 where it stands,
-until it has found its home sensor. Not here: the byte level (`serial_twin`), the driver.
+until it has found its home sensor. Begin and end of moves may have accelerations of their own (`motion.accelonly`,
+`motion.decelonly`), which may grow and fall within a time in ms (`motion.accel.ramptime`; that it is linear in time is
+an assumption). Not here: the byte level (`serial_twin`), the driver.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,6 +59,8 @@ class ZaberAxis:
         max_steps: `limit.max`.
         max_speed: `maxspeed`, in speed data.
         acceleration: `accel`, in acceleration data.
+        deceleration: `motion.decelonly`, in the same data; None: that of `acceleration`, which `motion.accelonly` is.
+        rounding_ms: `motion.accel.ramptime`; None for firmware that has no such setting.
         resolution: Microsteps per full step; None for a direct drive, which has no such setting.
         start_mm: Position at power-on.
         temperature_c: `driver.temperature`; None for a device that has no such setting.
@@ -70,6 +74,8 @@ class ZaberAxis:
     max_steps: int = 3149606
     max_speed: int = 1376257
     acceleration: int = 1720
+    deceleration: int | None = None
+    rounding_ms: float | None = 0.0
     resolution: int | None = 64
     start_mm: float = 75.0
     temperature_c: float | None = 31.4
@@ -89,10 +95,10 @@ class _Axis:
         self.built = built
         self.flags: set[str] = set() if referenced else {"WR"}
         self.max_speed = built.max_speed
-        self.motion = AxisMotion(built.start_mm, self._acceleration_mm_s2(), built.mechanics)
-
-    def _acceleration_mm_s2(self) -> float:
-        return self.built.acceleration * 1e4 / SPEED_SCALE * self.built.microstep_mm
+        per_data = 1e4 / SPEED_SCALE * built.microstep_mm
+        self.motion = AxisMotion(built.start_mm, built.acceleration * per_data, built.mechanics)
+        self.motion.braking_mm_s2 = None if built.deceleration is None else built.deceleration * per_data
+        self.motion.rounding_s = (built.rounding_ms or 0.0) * 1e-3
 
     def speed_mm_s(self, speed: int | None = None) -> float:
         return (speed or self.max_speed) / SPEED_SCALE * self.built.microstep_mm
@@ -131,7 +137,8 @@ class ZaberTwin(SerialTwin):
         super().__init__(clock, faults)
         self._address = address
         self._firmware = firmware
-        self._takes_speeds = tuple(int(part) for part in firmware.split(".")) >= (7, 25)
+        version = tuple(int(part) for part in firmware.split("."))
+        self._takes_speeds, self._two_ends = version >= (7, 25), version >= (6, 6)
         self._names = tuple(axes or {"x": ZaberAxis()})
         self._axes = [_Axis(axis, referenced=referenced) for axis in (axes or {"x": ZaberAxis()}).values()]
         self._replies_checked = False
@@ -270,6 +277,9 @@ class ZaberTwin(SerialTwin):
                 "limit.home.triggered": int("WR" not in axis.flags),
                 "maxspeed": axis.max_speed,
                 "accel": axis.built.acceleration,
+                "motion.accelonly": axis.built.acceleration if self._two_ends else None,
+                "motion.decelonly": (axis.built.deceleration or axis.built.acceleration) if self._two_ends else None,
+                "motion.accel.ramptime": axis.built.rounding_ms,
                 "resolution": axis.built.resolution,
                 "driver.temperature": axis.built.temperature_c,
                 "cloop.settle.tolerance": axis.built.settle_um,

@@ -53,6 +53,16 @@ def test_every_format_gives_the_same_shot(tmp_path, scene, form):
     assert np.array_equal(np.rint(shot.truth.views * 255), made.views)
 
 
+def test_keys_in_groups_may_be_named_by_their_last_name_where_it_is_ones(scene, tmp_path):
+    made = scene()
+    with h5py.File(tmp_path / "file.h5", "w") as file:
+        file["snap/Reading"], file["snap/code"], file["other/code"] = made.meas, made.masks, made.masks
+    (shot,) = import_shots(tmp_path / "file.h5", None, ImportOptions(meas_key="reading", mask_key="snap/code")).shots
+    assert np.allclose(shot.measurement, made.meas)
+    with pytest.raises(InputError, match=r"no key 'code'; allowed: the file holds .*other/code"):
+        import_shots(tmp_path / "file.h5", None, ImportOptions(meas_key="reading", mask_key="code"))
+
+
 def test_hdf5_files_of_other_programs_keep_their_axes(tmp_path, scene, said):
     """h5py writes no class beside an array: its picture, camera and poses stay as they are."""
     made = scene()

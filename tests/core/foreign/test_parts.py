@@ -75,6 +75,19 @@ def test_weights_are_read_and_must_fit(scene, take, said):
             take(meas=meas, mask=made.masks, weights=bad)
 
 
+@pytest.mark.parametrize("unit", [12.5, 0.0125])
+def test_exposure_times_in_place_of_weights_are_divided_by_the_longest(scene, take, said, unit):
+    made = scene()
+    weights = np.array([0.8, 1, 1, 1])
+    meas = 255 * np.einsum("n,nhw,nhwc->hwc", weights, made.masks, made.views / 255.0)
+    told = [take(meas=meas, mask=made.masks, weights=given) for given in (weights, unit * weights)]
+    assert not said(told[0], "exposure times")
+    assert said(told[1], "key 'weights': no shares of an interval, which are about 1: taken as exposure times")
+    (right,), (shot,) = (imported.shots for imported in told)
+    assert np.allclose(shot.weights, weights)
+    assert np.allclose(shot.measurement, right.measurement)
+
+
 @pytest.mark.parametrize("holder", ["meas.npz", "masks.npz"])
 @pytest.mark.parametrize("count", [6, 4], ids=["all", "used"])
 def test_weights_may_lie_beside_the_masks_and_cover_those_that_are_not_used(scene, tmp_path, holder, count):

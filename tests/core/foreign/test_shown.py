@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.shown import traces
@@ -76,6 +77,36 @@ def test_a_leak_is_not_taken_for_a_missing_mask(many, take, said):
     even = np.full(masks.shape[1:], 120.0)
     meas = even * (masks[:8] * 0.8 + 0.2).sum(axis=0)
     assert not said(take(ImportOptions(scale=255.0), meas=meas, masks=masks[:8]), "more masks shown")
+
+
+@pytest.fixture
+def mosaic():
+    """Nine half-open masks, and what a Bayer sensor reads of a picture of fine texture behind some of them."""
+    rng = np.random.default_rng(8)
+    masks = (rng.random((9, 72, 96)) < 0.5).astype(np.uint8)
+    texture = ndimage.gaussian_filter(rng.random((72, 104)), 0.8)
+    texture = 0.15 + 0.7 * (texture - texture.min()) / np.ptp(texture)
+    gains = np.tile([[0.9, 0.6], [0.6, 0.4]], (36, 48))
+    views = [texture[:, k // 2 : 96 + k // 2] for k in range(9)]
+
+    def read(shown, black=0.0):
+        return 700 * (gains * sum(masks[k] * views[k] for k in shown) + black)
+
+    return masks, read
+
+
+@pytest.mark.parametrize("black", [0.0, 0.3])
+def test_a_black_level_below_texture_in_a_mosaic_is_not_taken_for_a_missing_mask(mosaic, take, said, black):
+    masks, read = mosaic
+    imported = take(ImportOptions(scale=700.0, cfa="RGGB"), meas=read(range(8), black), masks=masks[:8])
+    assert not said(imported, "more masks shown")
+
+
+def test_a_mask_that_is_missing_is_named_in_a_mosaic_of_fine_texture(mosaic, take, said):
+    masks, read = mosaic
+    imported = take(ImportOptions(scale=700.0, cfa="RGGB"), meas=read(range(9)), masks=masks[:8])
+    assert said(imported, "explained neither by these 8 masks nor by texture: were more masks shown")
+    assert said(imported, "(about 1 more)")
 
 
 def test_a_mask_that_was_shown_twice_is_named(many, take, said):

@@ -466,6 +466,34 @@ def test_a_controller_that_reports_a_fault_is_not_armed(bench: Bench) -> None:
         bench.modulator.start()
 
 
+@pytest.mark.parametrize("dmd", [2, 3, 4])
+def test_of_two_controllers_a_silent_second_one_is_refused_by_name(dmd: int) -> None:
+    """Otherwise whole rows would go to the first one, and half of the mirrors would stay dark."""
+    bench = make_bench(dmd)
+    bench.twin.faults.inject("dlpc900.secondary_silent")
+    with pytest.raises(
+        DeviceFaultError, match=r"secondary controller .* right half stays dark.*-primary and -secondary"
+    ):
+        bench.modulator.connect()
+
+
+def test_a_second_controller_that_falls_silent_leaves_its_half_dark_and_is_not_armed() -> None:
+    bench = make_bench(4)
+    info = bench.modulator.connect()
+    sequence = PatternSequence(masks_for(info.height, info.width, 2) | 1, 1, 500e-6)
+    bench.modulator.upload(sequence)
+    bench.twin.faults.inject("dlpc900.secondary_silent")
+    with pytest.raises(DeviceFaultError, match="right half stays dark"):
+        bench.modulator.arm()
+    levels = bench.twin.firmware._plane(bench.twin.firmware.table[0])
+    assert levels[:, : info.width // 2].all()
+    assert not levels[:, info.width // 2 :].any()
+    assert any("right half" in fault for fault in bench.modulator.status().faults)
+    bench.twin.power_cycle()
+    bench.twin.plug_in()
+    bench.modulator.close()
+
+
 def test_a_fault_shows_in_the_status(bench: Bench) -> None:
     bench.twin.faults.inject("dlpc900.parked")
     status = bench.modulator.status()

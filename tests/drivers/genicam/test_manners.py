@@ -91,6 +91,34 @@ def test_a_debouncer_that_the_rig_file_asks_for_is_kept_and_counted_and_swallows
     assert one.twin.nodes.read("LineSelector") == "Line1"
 
 
+# ---- a line that is inverted, or an output
+
+
+@pytest.mark.parametrize("left", [("Input", True), ("Output", False), ("Output", True), ("Input", False)])
+@pytest.mark.parametrize("mode", [TriggerMode.EDGE, TriggerMode.LEVEL])
+def test_a_line_that_another_program_left_inverted_or_an_output_triggers_as_it_is_wired(left, mode):
+    """Inverted, exposures would begin with the end of a pulse, of 1 ms here, or last while no mask is on show."""
+    one = Bench(line_left=left)
+    one.start(mode)
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    taken = one.world.exposures[-1]
+    assert taken.start_s == pytest.approx(rise_s, abs=1e-9)
+    assert taken.end_s == pytest.approx(rise_s + (2e-3 if mode is TriggerMode.EDGE else 1e-3), abs=1e-9)
+    told = [line for line in one.sensor.incidents if "of Line1 was" in line]
+    assert len(told) == (left[0] == "Output") + left[1]
+    assert one.twin.nodes.read("LineSelector") == "Line0"
+    assert one.twin.nodes.of("LineInverter", "Line0") is left[1]  # the other line is not ours
+
+
+def test_an_inverted_line_that_the_rig_file_asks_for_is_kept():
+    one = Bench({"features": {"LineSelector": "Line1", "LineInverter": True}}, line_left=("Input", False))
+    one.start()
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert one.world.exposures[-1].start_s == pytest.approx(rise_s + 1e-3, abs=1e-9)
+
+
 # ---- rows one after the other
 
 
@@ -108,6 +136,7 @@ class Flash:
 def test_a_shutter_that_rolls_is_set_to_one_that_shows_all_masks_to_all_rows(others):
     one = Bench(shutters=("Rolling", *others))
     one.start()
+    assert one.sensor.settings.rows_s == 0.0
     assert one.sensor.settings.recorded["SensorShutterMode"] == max(others, key=lambda name: name == "Global")
     assert any("SensorShutterMode was Rolling" in line for line in one.sensor.incidents)
 
@@ -121,9 +150,41 @@ def test_a_camera_that_can_only_roll_shows_masks_to_some_rows_and_that_is_told()
     assert rows[:16] == pytest.approx(1000, abs=1)
     assert (rows[16:] == 0).all()
     assert any("SensorShutterMode is Rolling" in line for line in one.sensor.incidents)
+    assert one.sensor.settings.rows_s == pytest.approx(6e-3)
     wanted = Bench({"features": {"SensorShutterMode": "Rolling"}}, shutters=("Global", "Rolling"))
     wanted.start()
     assert wanted.twin.nodes.read("SensorShutterMode") == "Rolling"
+
+
+# ---- a link that another program has limited
+
+
+def test_a_limited_link_is_counted_and_earlier_triggers_are_lost():
+    """At 1 MB/s a frame of 64 x 96 px in 16 bits takes 12.3 ms to leave, and exposure and readout take 3."""
+    one = Bench(link=(1_000_000, "On"))
+    one.start()
+    assert one.sensor.settings.link_s == pytest.approx(64 * 96 * 2 / 1e6)
+    assert one.sensor.settings.readout_s == pytest.approx(1e-3)
+    assert any("1 MB/s" in line and "12.3 ms" in line for line in one.sensor.incidents)
+    clock = one.world.clock
+    for after_s in (0.0, 5e-3, 13e-3):
+        clock.after(5e-3 + after_s, lambda: one.world.bus.pulse(LINE, 1e-3))
+    clock.sleep_s(0.1)
+    assert len(one.world.exposures) == 2
+
+
+@pytest.mark.parametrize(("link", "link_s"), [((1_000_000, "Off"), 0.0), ((400_000_000, "On"), 30.7e-6), (None, 0.0)])
+def test_a_link_that_limits_nothing_is_not_mentioned(link, link_s):
+    one = Bench(link=link)
+    one.start()
+    assert one.sensor.settings.link_s == pytest.approx(link_s, rel=1e-2)
+    assert not [line for line in one.sensor.incidents if "Throughput" in line]
+
+
+def test_the_rig_file_can_raise_the_limit():
+    one = Bench({"features": {"DeviceLinkThroughputLimit": 100_000_000}}, link=(1_000_000, "On"))
+    one.start()
+    assert one.sensor.settings.link_s == pytest.approx(64 * 96 * 2 / 1e8)
 
 
 # ---- C2: locked while the trigger is on

@@ -117,6 +117,67 @@ def test_the_speed_that_was_found_is_put_back():
     assert twin._axes["x"].speed == found
 
 
+def turned_back(clock, twin, to_mm):
+    """Return how far beyond a target below the carriage goes, mm, as another program's move would."""
+    axis = twin._axes["x"]
+    twin._move(0x50, axis, round(to_mm * axis.built.counts_per_mm))
+    lowest = axis.motion.position_at(clock.now_s())
+    while axis.motion.moving_at(clock.now_s()):
+        clock.sleep_s(2e-3)
+        lowest = min(lowest, axis.motion.position_at(clock.now_s()))
+    assert axis.motion.position_at(clock.now_s()) == pytest.approx(to_mm, abs=1e-3)
+    return to_mm - lowest
+
+
+def test_moves_in_reverse_end_on_their_target_instead_of_passing_it():
+    clock, twin, stage = make()
+    assert turned_back(clock, twin, 24.0) == pytest.approx(0.05, abs=1e-3)
+    stage.connect()
+    assert twin._axes["x"].overshoot == 1728  # connecting changes nothing
+    begin_s = clock.now_s()
+    stage.begin_move({"x": 23.0}, speed_mm_s=1.0)
+    lowest = 24.0
+    while stage.status().moving:
+        lowest = min(lowest, twin.positions_mm_at(clock.now_s())["x"])
+        clock.sleep_s(5e-3)
+    assert lowest == pytest.approx(23.0, abs=1e-3)
+    assert clock.now_s() - begin_s == pytest.approx(1.0 + 1.0 / 4.5, abs=0.05)
+    assert any("passed their target by 0.05 mm" in one for one in stage.incidents)
+    stage.close()
+    assert turned_back(clock, twin, 22.0) == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_sweep_in_reverse_may_end_where_the_travel_does():
+    """With the distance at power-up the carriage would run into the end of the travel before it comes back."""
+    clock, twin, stage = make({"x": BUILT["Z812"]})
+    stage.connect()
+    stage.move_to({"x": 0.01})
+    assert stage.positions_mm()["x"] == pytest.approx(0.01, abs=1e-4)
+    assert min(twin.positions_mm_at(when_s)["x"] for when_s in (clock.now_s() - 0.01 * k for k in range(200))) > 0
+
+
+def test_settings_that_a_power_cut_has_undone_are_made_again_behind_the_homing():
+    _, twin, stage = make()
+    stage.connect()
+    stage.move_to({"x": 24.0}, speed_mm_s=1.0)
+    twin.power_cycle()
+    stage.home()
+    stage.move_to({"x": 2.0}, speed_mm_s=1.0)
+    assert twin._axes["x"].overshoot == 0
+    assert twin._axes["x"].speed == round(772981.3692)
+    stage.move_to({"x": 1.0}, speed_mm_s=1.0)
+
+
+def test_a_direct_drive_has_nothing_to_switch_off():
+    _, twin, stage = make({"x": BUILT["MLS203-X"]}, KinesisOptions(stages={"x": "MLS203-X"}))
+    stage.connect()
+    stage.move_to({"x": 50.0})
+    stage.move_to({"x": 45.0})
+    assert not stage.incidents
+    stage.close()
+    assert twin._axes["x"].overshoot == 0
+
+
 def test_the_speed_of_a_killed_session_is_no_limit():
     clock, twin, stage = make()
     stage.connect()

@@ -9,6 +9,7 @@ from gs2ci_drivers.kinesis.packets import (
     find_message,
     move_absolute,
     parse_info,
+    set_overshoot,
     set_speed,
     short,
 )
@@ -30,6 +31,12 @@ def test_a_speed_is_the_documents_example():
     assert set_speed(BAY_2, acceleration, speed) == bytes.fromhex(
         "13 04 0E 00 A2 01 01 00 00 00 00 00 B0 35 00 00 CD CC CC 00"
     )
+
+
+def test_a_backlash_distance_is_a_channel_and_counts():
+    """MGMSG_MOT_SET_GENMOVEPARAMS, 0x043A: six bytes, "HI" of channel and distance; a request is 3B 04 01 00 50 01."""
+    assert set_overshoot(CUBE, 200_000) == bytes.fromhex("3A 04 06 00 D0 01 01 00 40 0D 03 00")
+    assert short(Message.MOT_REQ_GENMOVEPARAMS, CUBE) == bytes.fromhex("3B 04 01 00 50 01")
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,58 @@ def test_vc_mipi_whose_device_tree_cannot_be_read_is_not_trusted_with_either_uni
         assert stated.sensor.connect().exposure_unsettled == ""
 
 
+# ---- rows one after the other
+
+
+class Flash:
+    """Light of 500 DN in the millisecond from `begin_s` on."""
+
+    begin_s = 0.0
+
+    def collect(self, exposure):
+        on_s = min(exposure.end_s, self.begin_s + 1e-3) - max(exposure.start_s, self.begin_s)
+        return np.full((exposure.height, exposure.width), round(5e5 * max(on_s, 0.0)), np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("stated", "model"),
+    [
+        ({"shutter": "rolling"}, {}),
+        ({}, {"sensor": "imx477"}),
+        ({"trigger_adapter": "module", "trigger_module": "imx477"}, {"trigger": "module", "module": "imx477"}),
+    ],
+)
+def test_a_rolling_sensor_shows_a_short_mask_to_some_rows_and_that_is_told(bench, stated, model):
+    """64 rows of 60 us begin within 3.84 ms: a flash at the begin of an exposure of 2 ms reaches the first quarter."""
+    b = bench(options(**stated), rolls=True, line_s=60e-6, readout_s=64 * 60e-6, **model)
+    b.world.light = Flash()
+    b.begin(exposure_s=2e-3)
+    b.world.light.begin_s = b.world.clock.now_s() + 1e-3
+    b.fire()
+    rows = b.sensor.read(0.5).pixels.mean(axis=1)
+    assert rows[:16] == pytest.approx(500, abs=5)
+    assert (rows[32:] == 0).all()
+    assert b.sensor.settings.rows_s == pytest.approx(64 * 60e-6)
+    assert any("rolling shutter" in line and "3.84 ms" in line for line in b.sensor.incidents)
+
+
+@pytest.mark.parametrize(
+    ("stated", "model"),
+    [
+        ({"shutter": "global"}, {"sensor": "imx477"}),
+        ({}, {"sensor": "imx296"}),
+        ({}, {}),
+        ({"trigger_adapter": "module", "trigger_module": "ov9282"}, {"trigger": "module", "module": "ov9282"}),
+    ],
+)
+def test_a_sensor_that_exposes_all_rows_at_once_or_of_which_nothing_is_known_is_not_called_rolling(
+    bench, stated, model
+):
+    b = bench(options(**stated), **model)
+    b.begin()
+    assert b.sensor.settings.rows_s == 0.0
+
+
 # ---- V3: numbers of the trigger
 
 

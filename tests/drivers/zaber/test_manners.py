@@ -3,6 +3,7 @@
 import pytest
 
 from gs2ci_drivers.failures import MoveFailedError, ReferenceLostError
+from gs2ci_drivers.sweep_check import SweepCheck
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
@@ -41,6 +42,49 @@ def test_what_it_remembers_of_an_earlier_stall_is_cleared_before_a_sweep():
     stage.move_to({"x": 60.0})  # it arrived, which is all that was asked
     assert any("WS" in text for text in stage.status().warnings)
     assert sweep(stage, clock) == ()
+
+
+def kept_path(stage, clock, twin):
+    """Return by how much a sweep's true positions leave a line of the planned speed while masks are on show, mm."""
+    planned = stage.plan_sweep("x", 70.0, 71.0, 25.0)
+    stage.prepare_sweep(planned)
+    stage.begin_sweep(planned)
+    crossed_s = clock.now_s() + planned.lead_s
+    check = SweepCheck("stage0", stage.info.axes["x"], planned, crossed_s)
+    check.ask_until(crossed_s + planned.cruise_s + planned.ramps_s[1], stage, clock)
+    stage.wait_idle(10.0)
+    path = check.path()
+    shown = [crossed_s + path.shift_s + planned.cruise_s * share / 50 for share in range(51)]
+    off_mm = [twin.positions_mm_at(when_s)["x"] - path.position_mm(when_s) for when_s in shown]
+    return max(off_mm) - min(off_mm)
+
+
+# Accelerations in data of 610 mm/s^2 per thousand: ramps of 25 mm/s take 24 ms, or 0.3 mm.
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"deceleration": 400},
+        {"deceleration": 5000},
+        {"rounding_ms": 25.0},
+        {"deceleration": 600, "rounding_ms": 60.0},
+    ],
+)
+def test_ramps_that_another_program_made_gentler_lie_outside_the_masks(settings):
+    axis = ZaberAxis(microstep_mm=COUNT_MM, acceleration=1720, **settings)
+    clock, twin, stage = make(axis)
+    assert kept_path(stage, clock, twin) < 2e-3
+    found = stage.info.axes["x"]
+    ends = [found.acceleration_mm_s2, found.braking_mm_s2]
+    assert ends == pytest.approx([one * 1e4 / 1.6384 * COUNT_MM for one in (1720, settings.get("deceleration", 1720))])
+    assert stage.info.axes["x"].rounding_s == pytest.approx(settings.get("rounding_ms", 0.0) * 1e-3)
+
+
+def test_firmware_with_one_acceleration_for_both_ends_is_asked_for_that():
+    axis = ZaberAxis(microstep_mm=COUNT_MM, rounding_ms=None)
+    _, _, stage = make(axis, firmware="6.05")
+    assert stage.info.axes["x"].acceleration_mm_s2 == pytest.approx(1720 * 1e4 / 1.6384 * COUNT_MM)
+    assert stage.info.axes["x"].rounding_s == 0.0
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.123, 0.7])

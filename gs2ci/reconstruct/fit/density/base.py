@@ -8,8 +8,8 @@ share (`classic.py`).
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -44,16 +44,6 @@ class GaussianStatistics:
     cap: int
     iteration: int
 
-    def among(self, rows: Tensor) -> "GaussianStatistics":
-        """Return the statistics of some of the Gaussians, [G] bool; the others count towards the cap."""
-        return replace(
-            self,
-            screen_gradient=self.screen_gradient[rows],
-            screen_radius=self.screen_radius[rows],
-            blended_error=lambda: self.blended_error()[rows],
-            cap=self.cap - int((~rows).sum()),
-        )
-
 
 @dataclass(frozen=True)
 class PopulationChange:
@@ -70,6 +60,7 @@ class PopulationChange:
     forget: frozenset[str] = frozenset()
 
 
+@runtime_checkable
 class DensityRule(Protocol):
     """Decides where Gaussians are added and removed, and whether they are shaken in between."""
 
@@ -88,22 +79,6 @@ class DensityRule(Protocol):
             rate: The means' present step size, in scene units.
             generator: For draws.
         """
-
-
-def change_among(
-    rule: DensityRule, rows: Tensor, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator
-) -> PopulationChange:
-    """Apply a rule to some of the Gaussians, [G] bool, as if there were no others; the others stay as they are.
-
-    Returns:
-        Those that the rule returns, then the others.
-    """
-    present = scene.detach()
-    inside, others = torch.nonzero(rows).flatten(), torch.nonzero(~rows).flatten()
-    change = rule.change(present.map(lambda tensor: tensor[inside]), evidence.among(rows), generator)
-    source = torch.where(change.source < 0, -1, inside[change.source])
-    whole = joined([change.scene, present.map(lambda tensor: tensor[others])])
-    return PopulationChange(whole, torch.cat([source, others]), change.forget)
 
 
 def grow(

@@ -38,9 +38,9 @@ _STRIDE_PX: Final = 3
 # If the image moves by more than this share of its shorter side while one mask is displayed, neighbouring views share
 # too little for any path to be estimated from them: such a path is an error, and one pose for each mask does less harm.
 _FARTHEST: Final = 0.5
-# With more motion within a mask, px, moments recover only part of the detail along it: 2.8 px cost 2.7 dB, 5.6 px 4.4
-# (`python -m tests.stability --only motion:`). From here on smeared views can be recognised, too (`smear.py`).
-_BLURS_PX: Final = 3.0
+# A mean over d px removes the frequency 1 / d, which pictures hold from 2 px on: moments recover only part of such
+# detail along the motion. 2.9 px cost 2.5 to 3.0 dB, 5.6 px 4.4 (`python -m tests.stability --only motion:`).
+_BLURS_PX: Final = 2.0
 
 
 def mask_times(views: int) -> Tensor:
@@ -66,7 +66,7 @@ class MaskMomentSettings(Bounded):
     """
 
     within_mask: WithinMask | None = None
-    tolerance: Annotated[float, Field(gt=0)] = 0.01
+    tolerance: Annotated[float, Field(gt=0)] = 0.02
     most: PositiveInt = 8
 
     def of(self, shot: Shot) -> "MaskMomentSettings":

@@ -4,11 +4,15 @@ Here: the renderer with a shot's sensor (masks, weights, mono or mosaic), a came
 each mask was open (`mask_moments.py`), any fitting.
 """
 
+from dataclasses import replace
+from functools import cached_property
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.lens import pixel_centres
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.fit.scene.rigid import MomentsOfPath
@@ -17,8 +21,13 @@ from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import Image, Pull, as_image, coded_with_pull
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
+from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.stopping import StoppedLight
+
+# Of so many squares of pixels along each side of the picture, one is looked at for the range of depth. A renderer's
+# cell is such a square, and takes the same time wherever it lies.
+_SQUARE_PX, _ONE_SQUARE_IN = 4, 4
 
 
 class ShotRenderer:
@@ -209,14 +218,27 @@ class ShotRenderer:
     def _when(self, scene: Gaussians, times: Tensor | None) -> Tensor | None:
         return self.times if times is None and scene.motion is not None else times
 
-    def stopped_light(self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None) -> StoppedLight:
-        """Find at which depths the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
-        scene = scene.detach()
+    def stopped_light(
+        self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None, *, some: bool = False
+    ) -> StoppedLight:
+        """Find at which depths the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`.
+
+        `some`: of one pixel in 16, for the range of depth.
+        """
+        scene, sampling = scene.detach(), self._here_and_there if some else self._sampling
+        size = self.size if sampling is None else sampling.size
         poses = torch.from_numpy(np.asarray(world_to_camera)).float().to(scene.means.device)
         when = self._when(scene, times)
-        return self._backend.depths(scene, poses, self.intrinsics, self.size, self._sampling, times=when)
+        return self._backend.depths(scene, poses, self.intrinsics, size, sampling, times=when)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render depths along the optical axis, [V, H, W]; zero at pixels where less than half of the light stops."""
         found: F32 = self.stopped_light(scene, world_to_camera).surface().cpu().numpy()
         return found
+
+    @cached_property
+    def _here_and_there(self) -> CanvasSampling:
+        """Get where squares of pixels look, apart from each other."""
+        rows, columns = (np.flatnonzero(np.arange(n) // _SQUARE_PX % _ONE_SQUARE_IN == 0) for n in self.size)
+        whole = self._sampling or CanvasSampling(pixel_centres(self.size), (0, 0), self.size)
+        return replace(whole, places=np.ascontiguousarray(whole.places[np.ix_(rows, columns)]))

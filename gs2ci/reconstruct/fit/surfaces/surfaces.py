@@ -34,9 +34,7 @@ from gs2ci.reconstruct.fit.kernels.surface_kernels import (
 )
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, FieldStep
-from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
-from gs2ci.reconstruct.geometry.depth.snapping import snapped
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import as_image, pull_back
@@ -84,10 +82,7 @@ class SurfaceSettings(Bounded):
         others: With how many others each is compared at most, spread over the path.
         pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
-        snap: Whether jumps of depth are moved to the edges of the swept views. Not done to maps of a decode, which
-            shows edges too poorly: thin things would be lost, and the fit does not find them again.
         depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
-        margin: How the scene is continued beyond the borders of all views after the last search; None: not.
     """
 
     searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3))
@@ -96,9 +91,7 @@ class SurfaceSettings(Bounded):
     others: Annotated[int, Field(ge=2)] = 4
     pixel_share: Annotated[float, Field(gt=0, le=1)] = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
-    snap: bool = True
     depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
-    margin: MarginSettings | None = field(default_factory=MarginSettings)
 
     def check(self) -> Self:
         """Return self if the numbers make sense.
@@ -261,8 +254,8 @@ def find_surfaces(
     """
     count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
-    # The depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
-    span = _span(renderer.stopped_light(scene, *middle).surface().cpu().numpy())
+    # Some depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
+    span = _span(renderer.stopped_light(scene, *middle, some=True).surface().cpu().numpy())
     extent = path_extent(world_to_camera)
     if count < 2 or span is None or extent == 0:
         return None
@@ -274,8 +267,7 @@ def find_surfaces(
         order = [view, *[i for i in beside if i != view][: settings.others]]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         compared = np.stack([straight[i] for i in order])
-        found = sweep(compared, from_view, intrinsics, 0, span, settings.sweep)
-        maps.append(snapped(found, straight[view]) if settings.snap else found)
+        maps.append(sweep(compared, from_view, intrinsics, 0, span, settings.sweep))
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))

@@ -1,4 +1,4 @@
-"""Numba kernels of the bundle adjustment: its cost, and the blocks of its normal equations.
+"""Numba kernels of the bundle adjustment: its cost, the blocks of its normal equations, and the whole descent.
 
 One thread, float64, sums in the order of views and points: the same input gives the same bits. The tests hold the
 blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
@@ -7,11 +7,17 @@ blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
 import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
-from gs2ci.core.kernels import EXACT, b1_2, f64, f64_1, f64_2, f64_3, helper, kernel
+from gs2ci.core.kernels import EXACT, b1_2, f64, f64_1, f64_2, f64_3, helper, i64, kernel
 
 # Depth, relative to that in the reference view, at or below which a point counts as behind a camera; the cost goes on
 # from there as if the depth did not fall further.
 LEAST_RELATIVE_DEPTH = 1e-3
+# Inverse depths stay within this range about their common scale 1: beyond it lie infinity and the lens itself.
+INVERSE_DEPTH_RANGE = (0.02, 20.0)
+# Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far smaller than any
+# actual entries, which are in squared pixels.
+REGULAR = 1e-9
+_DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
 
 
 @kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, fastmath=EXACT)
@@ -82,41 +88,136 @@ def _linearise(
     by_depth[0], by_depth[1] = fx * t[0] + sx * t[2], fy * t[1] + sy * t[2]
 
 
-# Here rather than in numpy, whose threads cost more than they give on matrices this small.
+@helper(fastmath=EXACT)
 def eliminate_depths(A: F64, b: F64, C: F64, d: F64, E: F64) -> tuple[F64, F64]:
-    """Reduce damped normal equations to the poses: A − E C⁻¹ Eᵀ and b − E C⁻¹ d, [6 N, 6 N] and [6 N]."""
+    """Reduce normal equations to the poses: A − E C⁻¹ Eᵀ, of which the lower half is filled, and b − E C⁻¹ d."""
     unknowns = E.shape[1]
-    system, right = np.zeros((unknowns, unknowns)), np.array(b, np.float64).reshape(unknowns)
-    for i, block in enumerate(A):
-        system[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = block
-    _eliminate(C, d, E, system, right)
-    return system, right
-
-
-@kernel(f64_1, f64_1, f64_2, f64_2, f64_1, fastmath=EXACT)
-def _eliminate(C, d, E, system, right):
-    unknowns = E.shape[1]
-    for p in range(C.shape[0]):
+    system, right = np.zeros((unknowns, unknowns)), b.copy().reshape(unknowns)
+    for i in range(len(A)):
+        system[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = A[i]
+    for p in range(len(C)):
         row = E[p]
         for m in range(unknowns):
             share = row[m] / C[p]
             if share != 0:  # a view that does not see the point
                 right[m] -= share * d[p]
-                # The lower half; the system is symmetric.
                 for n in range(m + 1):
                     system[m, n] -= share * row[n]
-    for m in range(unknowns):
-        for n in range(m):
-            system[n, m] = system[m, n]
+    return system, right
 
 
-@kernel(f64_1, f64_1, f64_2, f64_1, fastmath=EXACT)
+@helper(fastmath=EXACT)
+def solve_symmetric(system: F64, right: F64) -> bool:
+    """Solve a positive definite system by Cholesky's method from its lower half, in place; return whether it is one."""
+    unknowns = len(right)
+    column = np.empty(unknowns)
+    for k in range(unknowns):
+        if not system[k, k] > 0:
+            return False
+        pivot = np.sqrt(system[k, k])
+        for i in range(k, unknowns):
+            column[i] = system[i, k] / pivot
+            system[i, k] = column[i]
+        right[k] /= pivot
+        for i in range(k + 1, unknowns):
+            right[i] -= column[i] * right[k]
+            for j in range(k + 1, i + 1):
+                system[i, j] -= column[i] * column[j]
+    for k in range(unknowns - 1, -1, -1):
+        right[k] /= system[k, k]
+        for i in range(k):
+            right[i] -= system[k, i] * right[k]
+    return True
+
+
+@helper(fastmath=EXACT)
 def depth_steps(C: F64, d: F64, E: F64, pose_step: F64) -> F64:
     """Solve for the inverse depths once the poses are known: C⁻¹ (d − Eᵀ step), [P]."""
     steps = np.empty_like(d)
     for p in range(len(C)):
-        rest = d[p]
-        for m in range(len(pose_step)):
-            rest -= E[p, m] * pose_step[m]
-        steps[p] = rest / C[p]
+        steps[p] = (d[p] - (E[p] * pose_step).sum()) / C[p]
     return steps
+
+
+@helper(fastmath=EXACT)
+def _cross(a, b):
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@helper(fastmath=EXACT)
+def _turn(rotation: F64, turn: F64) -> None:
+    """Turn a rotation, [3, 3], in place, by a small turn, [3]: half of it is taken for the tangent of its half."""
+    half = 0.5 * turn
+    share = 2 / (1 + half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
+    for c in range(3):
+        across = _cross(half, rotation[:, c])
+        rotation[:, c] += share * (across + _cross(half, across))
+
+
+@helper(fastmath=EXACT)
+def _moved(rotations, translations, inverse_depth, A, b, C, d, E, damping):
+    """Solve damped normal equations and move; inverse depths stay within their range. False: they have no solution."""
+    damped, points = A.copy(), C * (1 + damping) + REGULAR
+    for i in range(len(A)):
+        for m in range(6):
+            damped[i, m, m] += damping * A[i, m, m] + REGULAR
+    # The reference view sees nothing, so that its step is 0.
+    system, step = eliminate_depths(damped, b, points, d, E)
+    solved = solve_symmetric(system, step)
+    R, t = rotations.copy(), translations.copy()
+    for i in range(len(A)):
+        _turn(R[i], step[6 * i : 6 * i + 3])
+        t[i] += step[6 * i + 3 : 6 * i + 6]
+    least, most = INVERSE_DEPTH_RANGE
+    depths = np.minimum(np.maximum(inverse_depth + depth_steps(points, d, E, step), least), most)
+    return solved, R, t, depths
+
+
+@kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, i64, f64, fastmath=EXACT)
+def descend(
+    rotations: F64,
+    translations: F64,
+    inverse_depth: F64,
+    rays: F64,
+    seen_at: F64,
+    seen: Bool,
+    focal: F64,
+    huber: float,
+    iterations: int,
+    tolerance: float,
+) -> tuple[F64, F64, F64, float]:
+    """Find a minimum of the Huber cost by Levenberg-Marquardt; the first arguments as for `normal_blocks`.
+
+    Args:
+        rotations: As there, as are the next six.
+        translations: As there.
+        inverse_depth: As there.
+        rays: As there.
+        seen_at: As there.
+        seen: As there.
+        focal: As there.
+        huber: As there.
+        iterations: At most so many accepted steps.
+        tolerance: Relative decrease of the cost below which the adjustment has converged.
+
+    Returns:
+        Rotations, translations, inverse depths, and the cost.
+    """
+    R, t, rho = rotations, translations, inverse_depth
+    cost, A, b, C, d, E = normal_blocks(R, t, rho, rays, seen_at, seen, focal, huber)
+    damping = _DAMPING_START
+    for _ in range(iterations):
+        before = cost
+        while damping < _DAMPING_MOST:
+            solved, R1, t1, rho1 = _moved(R, t, rho, A, b, C, d, E, damping)
+            if solved:
+                trial = normal_blocks(R1, t1, rho1, rays, seen_at, seen, focal, huber)
+                if trial[0] < cost:
+                    R, t, rho = R1, t1, rho1
+                    cost, A, b, C, d, E = trial
+                    damping = max(damping / 3, _DAMPING_LEAST)
+                    break
+            damping *= 4
+        if before - cost <= tolerance * before:
+            break
+    return R, t, rho, cost

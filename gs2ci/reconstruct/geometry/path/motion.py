@@ -1,6 +1,6 @@
 """Small-motion bundle adjustment: camera poses and one inverse depth per track, from tracks alone.
 
-Here: the model, its Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: its sums
+Here: the model, and adjustments from several starts. Not here: its derivatives and the Levenberg-Marquardt loop
 (`adjustment_kernels`), the judgement of the result (`validity`), the focal length (`focal`), a camera that only turned
 (`rotations`), known poses (`telemetry`).
 
@@ -16,26 +16,18 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.geometry.path.adjustment_kernels import (
+    INVERSE_DEPTH_RANGE,
     LEAST_RELATIVE_DEPTH,
-    depth_steps,
-    eliminate_depths,
-    normal_blocks,
+    descend,
 )
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
-# Inverse depths stay within this range about their common scale 1: beyond it lie infinity and the lens itself.
-INVERSE_DEPTH_RANGE = (0.02, 20.0)
 # Spread of the starting depths: if all were equal, translations could not be told from rotations.
 _START_SPREAD = 0.05
-_DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
-# Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far smaller than any
-# actual entries, which are in squared pixels.
-REGULAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -244,19 +236,12 @@ def adjust(
     Levenberg-Marquardt on re-weighted least squares, inverse depths eliminated by the Schur complement. The scale of
     the scene is free; the damping keeps it bounded.
     """
-    sightings, damping = Sightings.of(tracks, intrinsics), _DAMPING_START
-    here = _NormalEquations.at(start or start_motion(sightings), sightings, settings.huber_px)
-    for _ in range(settings.iterations):
-        before = here.cost
-        while damping < _DAMPING_MOST:
-            trial = _NormalEquations.at(here.step(damping), sightings, settings.huber_px)
-            if trial.cost < here.cost:
-                here, damping = trial, max(damping / 3, _DAMPING_LEAST)
-                break
-            damping *= 4
-        if before - here.cost <= settings.tolerance * before:
-            break
-    return with_errors(replace(here.motion, cost=here.cost), sightings)
+    sightings = Sightings.of(tracks, intrinsics)
+    motion = start or start_motion(sightings)
+    how = (settings.huber_px, settings.iterations, settings.tolerance)
+    rotations, translations, inverse_depth, cost = descend(*arguments(motion, sightings), *how)
+    found = replace(motion, rotations=rotations, translations=translations, inverse_depth=inverse_depth, cost=cost)
+    return with_errors(found, sightings)
 
 
 def reversed_depth(motion: CameraMotion) -> CameraMotion:
@@ -341,9 +326,10 @@ def estimate_motion(
     explained = first.explains(settings.outlier_px)
     if not explained.any():
         return first, tracks
+    if explained.all():
+        return at_unit_depth(first), tracks
     kept = tracks.keep(explained)
-    motion = adjust_both_ways(kept, intrinsics, settings)
-    return at_unit_depth(motion), kept
+    return at_unit_depth(adjust_both_ways(kept, intrinsics, settings)), kept
 
 
 def at_unit_depth(motion: CameraMotion) -> CameraMotion:
@@ -373,41 +359,3 @@ def arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F64
         sightings.seen,
         sightings.focal_px,
     )
-
-
-@dataclass(frozen=True)
-class _NormalEquations:
-    """A motion, its cost, and JᵀWJ and −JᵀWr there in blocks: A for poses, C for inverse depths, E between them."""
-
-    motion: CameraMotion
-    cost: float
-    A: F64  # [N, 6, 6]
-    b: F64  # [N, 6]
-    C: F64  # [P]
-    d: F64  # [P]
-    E: F64  # [P, 6 N]
-    moving: NDArray[np.int64]  # indices of the unknowns of all views but the reference
-
-    @classmethod
-    def at(cls, motion: CameraMotion, sightings: Sightings, huber_px: float) -> "_NormalEquations":
-        cost, A, b, C, d, E = normal_blocks(*arguments(motion, sightings), huber_px)
-        moving = np.flatnonzero(np.arange(6 * len(motion.rotations)) // 6 != sightings.reference)
-        return cls(motion, cost, A, b, C, d, E, moving)
-
-    def step(self, damping: float) -> CameraMotion:
-        """Solve with damping and move; inverse depths stay within their range."""
-        diagonal = np.einsum("nii->ni", self.A)
-        A = self.A + (damping * diagonal + REGULAR)[..., None] * np.eye(6)
-        C = self.C * (1 + damping) + REGULAR
-        system, right = eliminate_depths(A, self.b, C, self.d, self.E)
-        pose_step = np.zeros(len(right))
-        pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])
-        depth_step = depth_steps(C, self.d, self.E, pose_step)
-        motion = self.motion
-        turn, shift = np.split(pose_step.reshape(-1, 6), 2, axis=1)
-        return replace(
-            motion,
-            rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations,
-            translations=motion.translations + shift,
-            inverse_depth=np.clip(motion.inverse_depth + depth_step, *INVERSE_DEPTH_RANGE),
-        )

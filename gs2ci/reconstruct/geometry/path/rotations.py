@@ -9,9 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.geometry.path.adjustment_kernels import normal_blocks
+from gs2ci.reconstruct.geometry.path.adjustment_kernels import REGULAR, normal_blocks
 from gs2ci.reconstruct.geometry.path.motion import (
-    REGULAR,
     USUAL_MOTION,
     MotionSettings,
     Sightings,

@@ -15,13 +15,8 @@ from gs2ci.core.cameras import path_extent
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot, check_rigid
 from gs2ci.core.run_figures import Moved
-from gs2ci.reconstruct.geometry.path.motion import (
-    INVERSE_DEPTH_RANGE,
-    CameraMotion,
-    Sightings,
-    start_motion,
-    with_errors,
-)
+from gs2ci.reconstruct.geometry.path.adjustment_kernels import INVERSE_DEPTH_RANGE
+from gs2ci.reconstruct.geometry.path.motion import CameraMotion, Sightings, start_motion, with_errors
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
 UNSTATED_SHARE: Final = 0.01

@@ -45,6 +45,7 @@ _ROUNDS: Final = 3
 _FIRST_ORDER_SHARE: Final = 0.1
 # Inverse depths have a mean of 1 and this standard deviation, and stay in this range: this sets the unit of the path.
 _DEPTH_SPREAD: Final = 0.5
+_TIGHT: Final = 1 / _DEPTH_SPREAD**2
 _DEPTH_RANGE: Final = (0.05, 5.0)
 # A block whose displacement is off by more standard errors than this counts less (pseudo-Huber).
 _OUTLIER: Final = 3.0
@@ -93,13 +94,18 @@ class DisplacedBlocks:
         count, size = displaced.px.shape
         vague = FIRST_ORDER_PX**2 + _FIRST_ORDER_SHARE**2 * np.mean(displaced.px**2, axis=1)
         whiten = np.linalg.cholesky(np.linalg.inv(displaced.covariance + vague[:, None, None] * np.eye(size)))
-        self._whiten = whiten.swapaxes(1, 2)
+        whiten = whiten.swapaxes(1, 2)
         x, y = slopes.T
         zero, one = np.zeros(count), np.ones(count)
         travels = np.stack([np.stack([one, zero, -x], axis=1), np.stack([zero, one, -y], axis=1)], axis=1)
         turns = np.stack([np.stack([-x * y, 1 + x * x, -y], axis=1), np.stack([-1 - y * y, x * y, x], axis=1)], axis=1)
-        self._travels, self._turns = focal_px[:, None] * travels, focal_px[:, None] * turns
         self._degrees = len(displaced.over_time)
+        ways = np.concatenate([travels, turns], axis=2)
+        of_each = np.einsum("fg,i,bij->bfigj", np.eye(self._degrees), focal_px, ways).reshape(count, size, -1)
+        # Whitened displacements, and their derivatives by the travels and the turns of moves, [B, 2 F, 6 F].
+        self._px, by_moves = np.einsum("bij,bj->bi", whiten, displaced.px), whiten @ of_each
+        travels = np.arange(by_moves.shape[2]) % 6 < 3
+        self._by_travels, self._by_turns = by_moves * travels, by_moves * ~travels
 
     def __len__(self) -> int:
         """Get the number of blocks."""
@@ -129,16 +135,20 @@ class DisplacedBlocks:
 
     def _searched(self, start: F64, free: tuple[slice, slice]) -> BlockMotion:
         """Search for some of the moves, [F, 6], near a start, and keep the others."""
+        columns = np.arange(start.size).reshape(start.shape)[free].ravel()
 
         def moves(found: F64) -> F64:
             moved = start.copy()
-            moved[free] = found.reshape(start[free].shape)
+            moved.flat[columns] = found
             return moved
 
         def errors(found: F64) -> F64:
             return self._errors(moves(found))[0]
 
-        found = moves(least_squares(errors, start[free].ravel(), max_nfev=100, x_scale="jac").x)
+        def derivative(found: F64) -> F64:
+            return self._derivative(moves(found))[:, columns]
+
+        found = moves(least_squares(errors, start.flat[columns], derivative, max_nfev=100, x_scale="jac").x)
         return BlockMotion(found, *self._errors(found)[1:])
 
     def _starts(self) -> list[F64]:
@@ -164,21 +174,13 @@ class DisplacedBlocks:
         weighted = weight.copy()
         weight[rows, columns], weighted[rows, columns] = precision, precision * motion.inverse_depth
         smooth, smooth_weighted = over_blocks(weight), over_blocks(weighted)
-        tight = 1 / _DEPTH_SPREAD**2
-        coarse = (smooth_weighted + tight) / (smooth + tight)
+        coarse = (smooth_weighted + _TIGHT) / (smooth + _TIGHT)
         found: F32 = cv2.resize(coarse.astype(np.float32), None, fx=block_px, fy=block_px)
         return found[: size[0], : size[1]]
 
     def _along(self, moves: F64) -> F64:
         """Return whitened displacements by the travel of moves, [F, 6], at an inverse depth of 1, [B, 2 F]."""
-        return self._whitened(self._by(self._travels, moves[:, :3]))
-
-    def _by(self, ways: F64, moves: F64) -> F64:
-        """Return displacements by travels or turns, [F, 3], from those by one along each axis, [B, 2, 3]; [B, 2 F]."""
-        return np.asarray(np.einsum("bij,fj->bfi", ways, moves), np.float64).reshape(len(self), -1)
-
-    def _whitened(self, px: F64) -> F64:
-        return np.asarray(np.einsum("bij,bj->bi", self._whiten, px), np.float64)
+        return np.asarray(self._by_travels @ moves.ravel(), np.float64)
 
     def _start(self, travel_px: F64, turn_px: F64) -> F64:
         """Return even motion, [F, 6], that displaces the middle of the picture by so much by travel, and by turning."""
@@ -187,17 +189,33 @@ class DisplacedBlocks:
         moves[0, 3:5] = -turn_px[1] / self._focal_px[1], turn_px[0] / self._focal_px[0]
         return moves
 
+    def _explained(self, moves: F64) -> tuple[F64, F64, F64, F64]:
+        """Return what turns leave, what travel explains at inverse depth 1, [B, 2 F], best depths, and errors."""
+        left, along = self._px - self._by_turns @ moves.ravel(), self._along(moves)
+        depth = ((along * left).sum(axis=1) + _TIGHT) / ((along**2).sum(axis=1) + _TIGHT)
+        depth = np.clip(depth, *_DEPTH_RANGE)
+        return left, along, depth, np.column_stack([left - depth[:, None] * along, (depth - 1) / _DEPTH_SPREAD])
+
     def _errors(self, moves: F64) -> tuple[F64, F64, F64]:
         """Return what moves, [F, 6], are off by: errors to be squared and added; inverse depths and costs, [B]."""
-        left = self._whitened(self.displaced.px - self._by(self._turns, moves[:, 3:]))
-        along, tight = self._along(moves), 1 / _DEPTH_SPREAD**2
-        depth = ((along * left).sum(axis=1) + tight) / ((along**2).sum(axis=1) + tight)
-        depth = np.clip(depth, *_DEPTH_RANGE)
-        errors = np.column_stack([left - depth[:, None] * along, (depth - 1) / _DEPTH_SPREAD])
+        _, _, depth, errors = self._explained(moves)
         off = (errors**2).sum(axis=1)
-        robust = 2 * _OUTLIER**2 * (np.sqrt(1 + off / _OUTLIER**2) - 1)
-        weighted = errors * np.sqrt(robust / np.maximum(off, np.finfo(np.float64).tiny))[:, None]
-        return weighted.ravel(), depth, robust
+        weight = 2 / (1 + np.sqrt(1 + off / _OUTLIER**2))
+        return (errors * np.sqrt(weight)[:, None]).ravel(), depth, weight * off
+
+    def _derivative(self, moves: F64) -> F64:
+        """Return the derivative of these errors by moves, [errors, 6 F]."""
+        left, along, depth, errors = self._explained(moves)
+        free = ((depth > _DEPTH_RANGE[0]) & (depth < _DEPTH_RANGE[1])) / ((along**2).sum(axis=1) + _TIGHT)
+        by_depth = np.einsum("bi,bik->bk", left - 2 * depth[:, None] * along, self._by_travels)
+        by_depth = free[:, None] * (by_depth - np.einsum("bi,bik->bk", along, self._by_turns))
+        by_left = -self._by_turns - depth[:, None, None] * self._by_travels - along[..., None] * by_depth[:, None]
+        by_moves = np.concatenate([by_left, by_depth[:, None] / _DEPTH_SPREAD], axis=1)
+        root = np.sqrt(1 + (errors**2).sum(axis=1) / _OUTLIER**2)
+        # The weight is √(2 / (1 + root)); its logarithm falls by this with half of the squares' sum.
+        falls = errors / (2 * _OUTLIER**2 * root * (1 + root))[:, None]
+        by_moves -= falls[..., None] * np.einsum("bi,bik->bk", errors, by_moves)[:, None]
+        return (by_moves * np.sqrt(2 / (1 + root))[:, None, None]).reshape(-1, moves.size)
 
 
 def displaced_motion(request: Request, tracks: Geometry) -> Geometry:

@@ -124,7 +124,7 @@ def test_masks_get_as_many_moments_as_their_bound_calls_for(moving_plane):
     assert mask_moments.note.sentence.startswith("The image moved by up to 4.0 px")
 
 
-@pytest.mark.parametrize(("px", "code"), [(2.9, Code.MASKS_HAVE_MOMENTS), (3.0, Code.MASKS_BLUR)])
+@pytest.mark.parametrize(("px", "code"), [(1.9, Code.MASKS_HAVE_MOMENTS), (2.0, Code.MASKS_BLUR)])
 def test_much_motion_within_a_mask_is_a_doubt_about_the_views(px, code):
     note = replace(moments_of(4, 4), motion_px=(1.0, px)).note
     assert note.code is code

@@ -101,6 +101,15 @@ def test_depth_is_that_of_the_surface_along_the_axis(moving_plane, renderer, sca
     assert depths[1, 10:22, 12:28] == pytest.approx(1.5, abs=0.03)
 
 
+def test_some_depths_are_those_of_squares_of_pixels(moving_plane, renderer, scattered):
+    scene, poses, whole_picture = scattered(2000, logits=2.0), moving_plane[1].world_to_camera[:1], renderer()
+    rows, columns = (np.flatnonzero(np.arange(side) // 4 % 4 == 0) for side in whole_picture.size)
+    whole = whole_picture.depths(scene, poses)
+    some = whole_picture.stopped_light(scene, poses, some=True).surface().numpy()
+    assert (some > 0).any()
+    np.testing.assert_allclose(some, whole[:, rows][:, :, columns], rtol=1e-4)
+
+
 def walls(scattered, *alphas_at):
     """Walls that fill the frame, one Gaussian each so wide that it is even: pairs of its alpha and its depth."""
     alphas, depths = (torch.tensor(column, dtype=torch.float32) for column in zip(*alphas_at, strict=True))

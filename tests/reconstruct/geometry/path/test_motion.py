@@ -9,6 +9,7 @@ from gs2ci.reconstruct.geometry.path.adjustment_kernels import (
     depth_steps,
     eliminate_depths,
     normal_blocks,
+    solve_symmetric,
 )
 from gs2ci.reconstruct.geometry.path.motion import (
     MotionSettings,
@@ -140,10 +141,15 @@ def test_elimination_solves_the_whole_system(tracked):
     for i in range(len(A)):
         whole[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = A[i]
     expected = np.linalg.solve(whole, np.concatenate([b.reshape(-1), d]))
-    system, right = eliminate_depths(A, b, C, d, E)
-    poses = np.linalg.solve(system, right)
+    system, poses = eliminate_depths(A, b, C, d, E)
+    assert solve_symmetric(system, poses)
     np.testing.assert_allclose(poses, expected[:n], rtol=1e-7, atol=1e-10)
     np.testing.assert_allclose(depth_steps(C, d, E, poses), expected[n:], rtol=1e-7, atol=1e-10)
+
+
+def test_a_system_that_is_not_positive_definite_is_not_solved():
+    assert not solve_symmetric(np.diag([1.0, -1.0]), np.ones(2))
+    assert not solve_symmetric(np.full((2, 2), np.nan), np.ones(2))
 
 
 def test_cost_is_quadratic_near_and_linear_far(tracked):

@@ -80,6 +80,17 @@ def test_a_path_and_its_depths_follow_from_displacements_of_blocks():
     assert found.cost < 2
 
 
+def test_the_derivative_of_the_errors_is_that_of_finite_differences():
+    made, step = blocks(displaced_by(path(turn_deg=(0.3, -0.8, 0)), depths())), 1e-6
+    moves = made.motion().moves * 1.3
+    derivative = made._derivative(moves).reshape(-1, *moves.shape)
+    for place in np.ndindex(moves.shape):
+        nudge = np.zeros_like(moves)
+        nudge[place] = step
+        difference = (made._errors(moves + nudge)[0] - made._errors(moves - nudge)[0]) / (2 * step)
+        np.testing.assert_allclose(derivative[:, *place], difference, rtol=1e-5, atol=1e-4 * np.abs(difference).max())
+
+
 @pytest.mark.parametrize("turn_deg", [(0, 0, 0), (0.3, -0.8, 0), (0, 0.9, -0.5)])
 def test_a_camera_that_turns_against_its_travel_is_told(turn_deg):
     truth = path(turn_deg=turn_deg)

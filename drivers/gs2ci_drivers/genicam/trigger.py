@@ -1,0 +1,133 @@
+"""The trigger of a GenICam camera: Acquisition Control and Digital I/O Control of SFNC 2.7.
+
+Here: `Trigger`. Not here: the rest of a set-up (`setup`), which imports it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from gs2ci_drivers.failures import UnsupportedError
+from gs2ci_drivers.genicam.leftovers import DEBOUNCERS
+from gs2ci_drivers.genicam.nodes import Features, seconds_per_unit
+from gs2ci_drivers.genicam.options import GenicamOptions
+from gs2ci_drivers.ports import FeatureValue
+from gs2ci_drivers.sensor import TriggerMode
+
+OTHERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
+"""Triggers that would block the camera if another program had left them on."""
+AS_WIRED: Final[dict[str, FeatureValue]] = {"LineMode": "Input", "LineInverter": False}
+"""What the trigger's line has to be: an inverter lies before TriggerActivation (Teledyne Linea HS manual: "after any
+processing by the line inverter module"), so that rising edges would be falling ones, a pulse later."""
+
+
+class Trigger:
+    """What starts an exposure.
+
+    Args:
+        device: Name of the sensor.
+        features: The camera's features.
+        options: The rig file's table.
+        notes: Receives a note for each setting of the line that another program had left otherwise.
+
+    Attributes:
+        delay_s: From a trigger to the start of its exposure, as set and as known.
+    """
+
+    def __init__(self, device: str, features: Features, options: GenicamOptions, notes: list[str]) -> None:
+        self._device = device
+        self._features = features
+        self._options = options
+        self._notes = notes
+        self.delay_s = 0.0
+
+    def stop_all(self) -> None:
+        """Switch every trigger off: some lock other features while they are on, others would block the camera.
+
+        Raises:
+            DriverError: The camera refuses, or does not answer.
+        """
+        features = self._features
+        features.write_if_there("AcquisitionMode", "Continuous")
+        selector = features.find("TriggerSelector")
+        if selector is None:
+            features.write_if_there("TriggerMode", "Off")
+            return
+        for name in dict.fromkeys((*OTHERS, self._options.trigger_selector)):
+            if name in selector.symbols:
+                features.write("TriggerSelector", name)
+                features.write_if_there("TriggerMode", "Off")
+
+    def set(self, mode: TriggerMode) -> None:
+        """Set what starts an exposure: the camera's clock, an edge or a level.
+
+        Raises:
+            UnsupportedError: A delay is requested and the camera has none.
+            DriverError: The camera refuses, has no such feature, or does not answer.
+        """
+        features, options = self._features, self._options
+        if features.has("TriggerSelector", options.trigger_selector):
+            features.write("TriggerSelector", options.trigger_selector)
+        features.write_if_there("TriggerMode", "Off")  # some cameras lock the rest while it is on
+        self.delay_s = 0.0
+        if mode is TriggerMode.FREE_RUN:
+            features.write_if_there("ExposureMode", "Timed")
+            return
+        features.write("TriggerSource", options.trigger_line)
+        # SFNC only recommends TriggerActivation: a camera without it takes rising edges.
+        if options.trigger_activation != "RisingEdge" or features.has("TriggerActivation"):
+            features.write("TriggerActivation", options.trigger_activation)
+        features.write_if_there("ExposureMode", "TriggerWidth" if mode is TriggerMode.LEVEL else "Timed")
+        if options.trigger_overlap:
+            features.write("TriggerOverlap", options.trigger_overlap)
+        set_s = self._set_delay_s()
+        with self._line_chosen():
+            self.delay_s = set_s + self._line_s() + options.trigger_latency_s
+        features.write("TriggerMode", "On")
+
+    def _set_delay_s(self) -> float:
+        """Set TriggerDelay to what is requested, or to its least; return it."""
+        options, delay = self._options, self._features.first(("TriggerDelay", "TriggerDelayAbs"))
+        if delay is not None:
+            unit_s = seconds_per_unit(self._device, *delay)
+            least = delay[1].low if not options.trigger_delay_s else 0.0
+            return unit_s * float(self._features.write(delay[0], max(options.trigger_delay_s / unit_s, least)))
+        if options.trigger_delay_s:
+            raise UnsupportedError(
+                self._device,
+                "the camera has no feature TriggerDelay",
+                asked="configure",
+                remedy="leave trigger_delay_s in [sensor] out",
+            )
+        return 0.0
+
+    @contextmanager
+    def _line_chosen(self) -> Iterator[None]:
+        """Choose the trigger's line where lines are chosen; put the choice back."""
+        features, line = self._features, self._options.trigger_line
+        before = features.read("LineSelector") if features.has("LineSelector", line) else None
+        if before is not None:
+            features.write("LineSelector", line)
+        try:
+            yield
+        finally:
+            if before is not None:
+                features.write("LineSelector", before)
+
+    def _line_s(self) -> float:
+        """Have the line take edges as they are; return how much later one acts, because its level has to last."""
+        features = self._features
+        for name, wanted in AS_WIRED.items():
+            found = features.find(name)
+            if found is None or not (found.readable and found.writable) or name in self._options.features:
+                continue
+            if (left := features.read(name)) != wanted:
+                features.write(name, wanted)
+                self._notes.append(
+                    f"{self._device}: {name} of {self._options.trigger_line} was {left} and has been reset to "
+                    f"{wanted}; trigger_activation in [sensor] chooses the edge"
+                )
+        debouncer = features.first(DEBOUNCERS)
+        if debouncer is None or not debouncer[1].readable:
+            return 0.0
+        return seconds_per_unit(self._device, *debouncer) * float(features.read(debouncer[0]))
