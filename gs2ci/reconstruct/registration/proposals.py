@@ -138,7 +138,7 @@ def _with_its_light(
 
     Without a field, its displacements were mistaken for blur. And a displacement by a fraction of a pixel blurs as
     well, so that masks stated too sharp or too soft pull a field towards the pixels' centres or away from them: by 0.03
-    px with a blur of -0.05 px². Further turns change nothing (docs/mechanisms.md).
+    px with a blur of -0.05 px². Further turns change nothing (docs/decisions/registration.md).
     """
     along = settled(problem, refine(problem, field.misfit, light), let_in) if light else None
     misfit, errors = (field.misfit.only(GEOMETRY), {}) if along is None else (along.misfit, along.errors)
