@@ -27,7 +27,8 @@ from gs2ci.reconstruct.registration.widening import MaskSum
 _ROUNDS: Final = 12
 # Fewer blocks are not enough to estimate the scatter of scores.
 LEAST_BLOCKS: Final = 12
-_SETTLED: Final = 1e-2
+# In steps of numerical derivatives: half of the least displacement that matters.
+_SETTLED: Final = 0.1
 # Longer steps, beyond the range in which the pattern gives a gradient, are shortened to this at the picture's corner.
 _LONGEST_STEP_PX: Final = 1.0
 
