@@ -129,6 +129,7 @@ class Code(StrEnum):
     DARKER_THAN_DARK = auto()
     BRIGHTER_THAN_WHITE = auto()
     LAMP_IN_PICTURE = auto()
+    OTHER_MOSAIC = auto()
     VERY_DARK = auto()
     UNEVEN_VIEWS = auto()
     WEIGHTS_CORRECTED = auto()
