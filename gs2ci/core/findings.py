@@ -195,8 +195,6 @@ class Code(StrEnum):
     # Depth order.
     DEPTH_ORDER_OPEN = auto()
     DEPTH_IN_NOISE = auto()
-    DEPTH_ORDER_UNTRIED = auto()
-    DEPTH_ORDER_LIKELY = auto()
 
     # Which source the first path came from.
     SOURCE_CHOSEN = auto()

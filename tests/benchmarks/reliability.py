@@ -32,12 +32,12 @@ from scipy.stats import norm
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
+from gs2ci.core.findings import Code
 from gs2ci.core.ranks import rank_correlation
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.measuring import measure
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.evaluate.sureness import ORDER_OPEN
 from gs2ci.evaluate.trajectory import align
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import preset
@@ -134,7 +134,7 @@ def errors(draw: Draw, run_of: FinishedRun) -> tuple[str, Off]:
     off["depth"] = np.abs(scale * run_of.depth[both] - true[both]) / (scale * run_of.depth_error[both])
     off["lengths"] = _of_lengths(run_of, true, both, scale)
     order = "right" if rank_correlation(true[both], run_of.depth[both]) > 0 else "reversed"
-    is_said = any(run_of.report.found(code) for code in ORDER_OPEN)
+    is_said = run_of.report.found(Code.DEPTH_ORDER_OPEN)
     return f"{order}{', said open' if is_said else ''}", off
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
-from gs2ci.core.ranks import rank_correlation
+from gs2ci.core.arrays import F64
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.surfaces import pixel_rays
@@ -20,7 +19,6 @@ from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, flows_between, information, middle_depth
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, unseen_turn
 from gs2ci.reconstruct.uncertainty.views import ViewsMade, errors_alike, errors_of_views
-from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.stopping import StoppedLight
 
 
@@ -95,27 +93,3 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     place_px = error_of_places(seen, path.reference, path.followed)
     depths = errors_of_depths(seen, place_px, path.error, turn, path.others)
     return Uncertainty(views, depths, positions, rotations)
-
-
-def in_other_order(
-    depth: F32, reference: int, renderer: ShotRenderer, others: list[tuple[Gaussians, F64]]
-) -> F32 | None:
-    """Return the depth, [N, H, W], of the first other fit that has near and far exchanged, in the unit of `depth`.
-
-    Args:
-        depth: As delivered, [N, H, W]; 0 where there is none.
-        reference: The view in which orders are compared.
-        renderer: Of the exposure.
-        others: Scenes and poses of other fits to it.
-
-    Returns:
-        None if no other fit has the other order.
-    """
-    for scene, poses in others:
-        found = renderer.depths(scene, poses)
-        both = (depth[reference] > 0) & (found[reference] > 0)
-        here, there = depth[reference][both].astype(np.float64), found[reference][both].astype(np.float64)
-        if here.size and np.ptp(here) > 0 and np.ptp(there) > 0 and rank_correlation(there, here) < 0:
-            scale = np.float32(np.median(here) / np.median(there))
-            return found * scale
-    return None

@@ -15,7 +15,7 @@ from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.stopping import StoppedLight
@@ -50,10 +50,6 @@ def how_sure(
     moving = any(fit.scene.motion is not None for fit in (best, *ensemble.others))
     path = None if moving else _path(geometry, ensemble, others, centre)
     found = standard_errors(exposed, path)
-    if path is not None:
-        fits = [(fit.scene, fit.world_to_camera) for fit in ensemble.others]
-        depth = light.surface().numpy()
-        found = replace(found, other_depth=in_other_order(depth, geometry.reference, renderer, fits))
     return replace(found, views=look.brightness.shown(found.views[..., None])[..., 0])
 
 

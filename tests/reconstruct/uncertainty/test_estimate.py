@@ -9,7 +9,7 @@ import torch
 from gs2ci.core.cameras import pinhole
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -51,7 +51,6 @@ def known(**changes):
 
 def test_a_still_scene_along_a_path_has_all_standard_errors(exposed):
     found = standard_errors(exposed, known()).check((6, *SIZE))
-    assert found.other_depth is None
     for part in (found.views, found.depth, found.positions, found.rotations):
         assert part is not None
         assert part.any()
@@ -86,14 +85,3 @@ def test_tracks_tell_how_sure_depths_are(exposed):
     there = np.zeros((4, 6, 2)) + np.linspace(-0.1, 0.1, 4)[:, None, None]
     found = standard_errors(exposed, known(followed=there))
     assert not np.array_equal(found.depth, standard_errors(exposed, known()).depth)
-
-
-def test_a_fit_in_the_other_order_is_kept_in_the_unit_of_the_first(exposed):
-    depth, poses = exposed.light.surface().numpy(), exposed.world_to_camera
-    others = [(discs((2.1, 3.1)), poses), (discs((6.0, 4.0)), poses)]
-    found = in_other_order(depth, 3, exposed.renderer, others)
-    assert found is not None
-    assert np.median(found[3][:, :12]) == pytest.approx(1.5 * np.median(found[3][:, 20:]), rel=0.05)
-    assert np.median(found[3]) == pytest.approx(np.median(depth[3]), rel=0.05)
-    assert in_other_order(depth, 3, exposed.renderer, others[:1]) is None
-    assert in_other_order(np.zeros_like(depth), 3, exposed.renderer, others) is None
