@@ -129,6 +129,7 @@ class Code(StrEnum):
     DARKER_THAN_DARK = auto()
     BRIGHTER_THAN_WHITE = auto()
     LAMP_IN_PICTURE = auto()
+    OTHER_MOSAIC = auto()
     VERY_DARK = auto()
     UNEVEN_VIEWS = auto()
     WEIGHTS_CORRECTED = auto()
@@ -194,8 +195,6 @@ class Code(StrEnum):
     # Depth order.
     DEPTH_ORDER_OPEN = auto()
     DEPTH_IN_NOISE = auto()
-    DEPTH_ORDER_UNTRIED = auto()
-    DEPTH_ORDER_LIKELY = auto()
 
     # Which source the first path came from.
     SOURCE_CHOSEN = auto()

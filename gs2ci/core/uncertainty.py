@@ -21,15 +21,12 @@ class Uncertainty:
             path, or if things move. If the unit is the scene's own, its scale counts as known.
         positions: Of each camera's place, in the unit of the path, beyond what no image determines, [N]; None likewise.
         rotations: Of each camera's orientation against the others, rad, [N]; None likewise.
-        other_depth: Depth in the other order of near and far, if the measurement was fitted in both orders,
-            [N, H, W] float32; otherwise None. Standard errors are those within the order that was taken.
     """
 
     views: F32
     depth: F32 | None = None
     positions: F64 | None = None
     rotations: F64 | None = None
-    other_depth: F32 | None = None
 
     def check(self, shape: tuple[int, int, int]) -> "Uncertainty":
         """Return self if all parts are of a result of this shape, [N, H, W], and neither negative nor not finite.

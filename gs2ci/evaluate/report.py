@@ -78,7 +78,7 @@ class SurenessSection:
     of depth, and the share of pixels with at most 5 %; of each camera's position, in the unit of the path, beyond what
     no image determines, and of its rotation against the others. Those of depth and poses are None without a path or if
     things move. If the order of near and far is open, errors are not normally distributed: these hold for the order
-    that was taken; `other_order` says whether depth_other.npy has depth in the other one.
+    that was taken.
     """
 
     views_mean: Number
@@ -87,7 +87,6 @@ class SurenessSection:
     depth_sure_share: Number | None = None
     positions: list[Number] | None = None
     rotations_deg: list[Number] | None = None
-    other_order: bool = False
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@
       depth_spread.npy      the same shape: spread along the ray of where the light is absorbed, as a share of depth
       depth_confidence.npy  the same shape: the share of a pixel's light that is absorbed within 5 % of its depth
       depth_error.npy  standard error of depth, in its unit, [N, H, W] float32; absent without a path, or if things move
-      depth_other.npy  depth in the other order of near and far, if a fit of it counts in the mean
       views_error.npy  standard error of the views' values, full scale 1, [N, H, W] float32
       disagreement.npy  [N, H, W] float32, full scale 1: difference between the fits; absent if there was one
       scene.ply      the Gaussians, 3DGS convention; if they move, at the middle of the exposure; with the standard

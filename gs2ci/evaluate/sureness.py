@@ -11,7 +11,6 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import in_camera
-from gs2ci.core.findings import Code
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
@@ -19,11 +18,8 @@ from gs2ci.evaluate.report import SurenessSection
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.render.gaussians import Gaussians
 
-ORDER_OPEN: Final = (Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_LIKELY, Code.DEPTH_ORDER_UNTRIED)
-"""Findings that say that near and far may be exchanged."""
 VIEWS_ERROR: Final = "views_error.npy"
 DEPTH_ERROR: Final = "depth_error.npy"
-DEPTH_OTHER: Final = "depth_other.npy"
 SURE_OF_VIEWS: Final = 0.05
 """A value of a view surer than this, full scale 1, counts as sure: an error of so much (26 dB) shows at a glance."""
 SURE_OF_DEPTH: Final = 0.05
@@ -34,7 +30,7 @@ def write_errors(folder: Path, errors: Uncertainty | None) -> None:
     """Write the maps of standard errors that there are into a run folder."""
     if errors is None:
         return
-    maps = {VIEWS_ERROR: errors.views, DEPTH_ERROR: errors.depth, DEPTH_OTHER: errors.other_depth}
+    maps = {VIEWS_ERROR: errors.views, DEPTH_ERROR: errors.depth}
     for name, values in maps.items():
         if values is not None:
             np.save(folder / name, values.astype(np.float32, copy=False))
@@ -86,7 +82,6 @@ def figures_of_errors(result: RunResult) -> SurenessSection | None:
     found = SurenessSection(
         views_mean=float(errors.views.mean(dtype=np.float64)),
         views_sure_share=float(np.mean(errors.views <= SURE_OF_VIEWS)),
-        other_order=errors.other_depth is not None,
     )
     if errors.depth is not None and result.depth is not None and (there := result.depth > 0).any():
         relative = errors.depth[there] / result.depth[there]

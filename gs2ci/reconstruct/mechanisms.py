@@ -74,9 +74,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.WIDE_MATCHES: "a scene grown from features matched between all pairs of views, where tracks fail",
         LeftOut.MATCHES_IN_A_LONGER_DECODE: "features of all pairs of views are matched again in a longer decode",
     },
-    "depth-order": {
-        LeftOut.OCCLUSION: "whole fits of both orders of depth show which one hides what the views do not show",
-    },
     "path-from-fits": {
         LeftOut.SECOND_LOOK: "a doubtful or missing path is estimated again from the views of a fit",
     },

@@ -116,4 +116,4 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     tools = Tools.load(settings)
     with working_on(tools.backend.device):
         seen = observe(shot, settings, tools, progress, None, Halt(), None)
-        return planned(seen.fits, seen.first, seen.order)
+        return planned(seen.fits, seen.first)

@@ -38,8 +38,6 @@ class Settings(Bounded):
         poses: Where the initial poses and depth come from, by one of the names that `geometry.choose` knows: "auto",
             "tracks", "stage", "file:PATH", ...
         proxy: The views from which geometry is estimated: the decoded ones ("gap-tv"), or the proxies of the paper.
-        try_orders: Whether whole fits compare both orders of depth (near and far exchanged) if tracks leave the order
-            open (`hypotheses`).
         first_look: The decoder that runs before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
         long_decode: Of the decode by similar patches (`decode.patches.watched`), which may become part of the delivered
@@ -75,7 +73,6 @@ class Settings(Bounded):
 
     poses: PoseSource = "auto"
     proxy: ProxyName = "gap-tv"
-    try_orders: bool = True
     first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     long_decode: PatchSettings | None = field(default_factory=PatchSettings)

@@ -56,8 +56,6 @@ WELL_SHARE = 0.4
 KINDS = ("bench", "rail", "shifted rail")
 SAID_OPEN = (
     Code.DEPTH_ORDER_OPEN,
-    Code.DEPTH_ORDER_LIKELY,
-    Code.DEPTH_ORDER_UNTRIED,
     Code.DEPTH_IN_NOISE,
     Code.DEPTH_STARTS_AS_PLANE,
 )

@@ -46,7 +46,7 @@ def judge(wanted: tuple[str, float]) -> str:
     """Fit one scene with one report, with and without a prior; return its line of the table."""
     scene, off = wanted
     shot = Case(scene, scene=scene, size=SIZE, stage_off=off).shot(SEED)
-    settings = Settings(poses="stage", fits=1, motion="off", try_orders=False, look_again=False, seed=SEED)
+    settings = Settings(poses="stage", fits=1, motion="off", look_again=False, seed=SEED)
     free = replace(settings, fit=replace(settings.fit, poses=replace(settings.fit.poses, given_weight=0.0)))
     results = [reconstruct(shot, one).result for one in (settings, free)]
     moved = " ".join(f"{100 * _moved(result):7.2f}" for result in results)

@@ -17,6 +17,7 @@ the standard error, beside that of a normal and of a Laplace distribution with 6
 | `GS2CI_SEEDS` | the seeds | 6300 6301 |
 | `GS2CI_PRESET` | the preset | draft |
 | `GS2CI_RUNS` | a folder in which runs are kept, and found again | none |
+| `GS2CI_STRANGERS` | 1: scenes and motions of `stranger_draws` instead | 0 |
 """
 
 import os
@@ -31,22 +32,24 @@ from scipy.stats import norm
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
+from gs2ci.core.findings import Code
 from gs2ci.core.ranks import rank_correlation
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.measuring import measure
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.evaluate.sureness import ORDER_OPEN
 from gs2ci.evaluate.trajectory import align
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import preset
 from tests.benchmarks.beside_files import SHARED
 from tests.benchmarks.reliability_draws import KINDS, Draw, drawn, light_fields
+from tests.benchmarks.stranger_draws import MOTIONS, SCENES, stranger
 from tests.processes import side_by_side
 
 SEEDS: Final = tuple(int(seed) for seed in os.environ.get("GS2CI_SEEDS", "6300 6301").split())
 PRESET: Final = os.environ.get("GS2CI_PRESET", "draft")
 RUNS: Final = os.environ.get("GS2CI_RUNS")
+STRANGERS: Final = os.environ.get("GS2CI_STRANGERS", "0") == "1"
 PAIRS: Final = 300
 MULTIPLES: Final = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
 QUANTITIES: Final = ("views", "depth", "positions", "rotations", "lengths")
@@ -57,8 +60,9 @@ Off = dict[str, F64]
 
 def run() -> None:
     """Judge every draw, and print a row for each, the means and the diagram."""
-    tasks = [(kind, seed) for seed in SEEDS for kind in KINDS]
-    if (SHARED / "lightfield" / "antinous.npz").is_file():
+    kinds = [f"{scene} {motion}" for scene in SCENES for motion in MOTIONS] if STRANGERS else KINDS
+    tasks = [(kind, seed) for seed in SEEDS for kind in kinds]
+    if not STRANGERS and (SHARED / "lightfield" / "antinous.npz").is_file():
         tasks.append(("light field", 0))
     print(f"| scene | order | {' | '.join(f'{name}, within 1, 2' for name in QUANTITIES)} |")
     print("|---|---|" + "---|" * len(QUANTITIES))
@@ -84,7 +88,11 @@ def run() -> None:
 def judge(wanted: tuple[str, int]) -> tuple[str, dict[str, list[float]], float]:
     """Reconstruct a draw; return its order of near and far, the shares within each multiple, and that of the time."""
     kind, seed = wanted
-    draw = drawn(kind, seed) if seed else next(_light_field())
+    if STRANGERS:
+        shot = stranger(*kind.split(), seed)
+        draw = Draw(shot.name, shot)
+    else:
+        draw = drawn(kind, seed) if seed else next(_light_field())
     with tempfile.TemporaryDirectory() as own:
         run_of = _finished(draw, Path(RUNS or own) / f"{draw.name.replace(' ', '_')}_{PRESET}")
         order, off = errors(draw, run_of)
@@ -126,7 +134,7 @@ def errors(draw: Draw, run_of: FinishedRun) -> tuple[str, Off]:
     off["depth"] = np.abs(scale * run_of.depth[both] - true[both]) / (scale * run_of.depth_error[both])
     off["lengths"] = _of_lengths(run_of, true, both, scale)
     order = "right" if rank_correlation(true[both], run_of.depth[both]) > 0 else "reversed"
-    is_said = any(run_of.report.found(code) for code in ORDER_OPEN)
+    is_said = run_of.report.found(Code.DEPTH_ORDER_OPEN)
     return f"{order}{', said open' if is_said else ''}", off
 
 

@@ -12,7 +12,7 @@ SHAPE = (2, 3, 4)
 @pytest.fixture
 def errors():
     maps = np.full(SHAPE, 0.1, np.float32)
-    return Uncertainty(maps, maps, np.array([0.1, 0.2]), np.array([0.0, 0.01]), maps)
+    return Uncertainty(maps, maps, np.array([0.1, 0.2]), np.array([0.0, 0.01]))
 
 
 def test_parts_that_fit_the_result_pass(errors):
@@ -20,7 +20,7 @@ def test_parts_that_fit_the_result_pass(errors):
     assert Uncertainty(errors.views).check(SHAPE).depth is None
 
 
-@pytest.mark.parametrize("name", ["views", "depth", "positions", "rotations", "other_depth"])
+@pytest.mark.parametrize("name", ["views", "depth", "positions", "rotations"])
 def test_a_part_of_another_shape_is_refused_by_name(errors, name):
     with pytest.raises(InputError, match=f"standard errors of {name} have shape"):
         replace(errors, **{name: np.zeros((5,))}).check(SHAPE)

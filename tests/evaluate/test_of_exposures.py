@@ -134,13 +134,13 @@ def test_a_run_of_one_exposure_has_none(make_run, scene, tmp_path):
 def test_standard_errors_follow_one_another_and_what_one_exposure_lacks_is_left_out(make_run):
     result = make_run(count=2)[1]
     maps = np.full(result.views.shape[:3], 0.1, np.float32)
-    sure = Uncertainty(maps, maps, np.array([0.1, 0.2]), np.array([0.0, 0.01]), maps)
-    both = [replace(result, uncertainty=one) for one in (sure, replace(sure, views=2 * maps, other_depth=None))]
+    sure = Uncertainty(maps, maps, np.array([0.1, 0.2]), np.array([0.0, 0.01]))
+    both = [replace(result, uncertainty=one) for one in (sure, replace(sure, views=2 * maps, rotations=None))]
     parts = side_by_side(iter(both), 4)
     found = merged(parts, ["one", "other"], (), result.seconds).uncertainty
     assert found.positions.tolist() == [0.1, 0.2] * 2
+    assert found.rotations is None
     assert found.views[:, 0, 0].tolist() == [maps[0, 0, 0]] * 2 + [2 * maps[0, 0, 0]] * 2
-    assert found.other_depth is None
     assert all(np.shares_memory(found.depth, part.uncertainty.depth) for part in parts)
     without = side_by_side(iter([both[0], replace(result, uncertainty=None)]), 4)
     assert merged(without, ["one", "other"], (), result.seconds).uncertainty is None

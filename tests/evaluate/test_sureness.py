@@ -19,9 +19,8 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 def test_maps_and_figures_lie_in_the_run_folder(make_run, scene, tmp_path):
     shot, result = make_run()
-    other = replace(result.uncertainty, other_depth=result.depth[..., ::-1].copy())
-    folder = write_run(tmp_path / "run", shot, replace(result, uncertainty=other), scene)
-    maps = {"views_error": other.views, "depth_error": other.depth, "depth_other": other.other_depth}
+    folder = write_run(tmp_path / "run", shot, result, scene)
+    maps = {"views_error": result.uncertainty.views, "depth_error": result.uncertainty.depth}
     for name, values in maps.items():
         assert np.array_equal(np.load(folder / f"{name}.npy"), values)
     said = read_report(folder).sureness
@@ -30,13 +29,12 @@ def test_maps_and_figures_lie_in_the_run_folder(make_run, scene, tmp_path):
     assert said.depth_median == pytest.approx(0.055, rel=1e-5)
     assert said.positions == [0.004] * 8
     assert said.rotations_deg == pytest.approx([np.degrees(0.002)] * 8)
-    assert said.other_order
 
 
 def test_a_run_without_them_has_neither_files_nor_figures(make_run, scene, tmp_path):
     shot, result = make_run()
     folder = write_run(tmp_path / "run", shot, replace(result, uncertainty=None), scene)
-    assert not [path for path in folder.iterdir() if path.name.endswith(("_error.npy", "_other.npy"))]
+    assert not [path for path in folder.iterdir() if path.name.endswith("_error.npy")]
     assert read_report(folder).sureness is None
     assert read_ply_scene(folder / "scene.ply").standard_errors is None
 

@@ -11,10 +11,7 @@ POLICY = (
     *sorted((R / "hypotheses").glob("*.py")),
     *(R / f"{name}.py" for name in ("pipeline", "observe", "first_look", "fusion", "record", "settings")),
     *(R / "geometry" / f"{name}.py" for name in ("choose", "initialise", "reversal", "prior")),
-    *(
-        R / "geometry" / f"{name}.py"
-        for name in ("sources/sources", "sources/direct", "depth/occlusion", "path/validity")
-    ),
+    *(R / "geometry" / f"{name}.py" for name in ("sources/sources", "sources/direct", "path/validity")),
     *(R / "fit" / "coarse" / f"{name}.py" for name in ("stage", "stopping", "pace")),
     *(R / "fit" / "combining" / f"{name}.py" for name in ("ensemble", "combination")),
     R / "presets" / "budget.py",

@@ -42,7 +42,6 @@ from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.environment import peak_mib, restart_peak
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.evaluate.sureness import ORDER_OPEN
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
@@ -84,7 +83,7 @@ ABOUT_DEPTH = (
     Code.DEPTH_STARTS_AS_PLANE,
 )
 # Who says one of these does not claim to know near from far.
-ABOUT_ORDER = (*ABOUT_DEPTH, *ORDER_OPEN, Code.DEPTH_IN_NOISE)
+ABOUT_ORDER = (*ABOUT_DEPTH, Code.DEPTH_ORDER_OPEN, Code.DEPTH_IN_NOISE)
 # Sources of a path whose word a run may take where pixels cannot contradict it; that it does, its notes say.
 TELL_ORDER = ("stage", "file")
 # The largest shot of the suite takes a tenth of this.

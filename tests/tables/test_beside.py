@@ -134,7 +134,7 @@ def test_depth_from_between_is_scored_up_to_its_unit(planes):
 
 def test_a_file_is_scored_beside_its_path_and_its_population_counted(planes, monkeypatch):
     def brief(_variant, seed):
-        settings = Settings(seed=seed, fits=1, poses="tracks", look_again=False, motion="off", try_orders=False)
+        settings = Settings(seed=seed, fits=1, poses="tracks", look_again=False, motion="off")
         return replace(settings, fit=replace(settings.fit, iterations=8))
 
     monkeypatch.setattr(works, "settings_of", brief)

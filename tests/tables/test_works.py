@@ -28,7 +28,7 @@ def test_a_first_geometry_is_measured_against_the_truth(variant):
 
 def brief(_variant, seed):
     """Settings that fit next to nothing."""
-    settings = Settings(seed=seed, fits=1, poses="tracks", look_again=False, motion="off", try_orders=False)
+    settings = Settings(seed=seed, fits=1, poses="tracks", look_again=False, motion="off")
     return replace(settings, fit=replace(settings.fit, iterations=8))
 
 

@@ -81,8 +81,10 @@ class Trigger:
         if options.trigger_overlap:
             features.write("TriggerOverlap", options.trigger_overlap)
         set_s = self._set_delay_s()
-        with self._line_chosen():
-            self.delay_s = set_s + self._line_s() + options.trigger_latency_s
+        with self._line_chosen() as is_it:
+            if is_it:
+                self._wire()
+            self.delay_s = set_s + self._debounced_s() + options.trigger_latency_s
         features.write("TriggerMode", "On")
 
     def _set_delay_s(self) -> float:
@@ -102,20 +104,20 @@ class Trigger:
         return 0.0
 
     @contextmanager
-    def _line_chosen(self) -> Iterator[None]:
-        """Choose the trigger's line where lines are chosen; put the choice back."""
+    def _line_chosen(self) -> Iterator[bool]:
+        """Choose the trigger's line where lines are chosen; tell whether it is that one, and put the choice back."""
         features, line = self._features, self._options.trigger_line
         before = features.read("LineSelector") if features.has("LineSelector", line) else None
         if before is not None:
             features.write("LineSelector", line)
         try:
-            yield
+            yield before is not None or not features.has("LineSelector")
         finally:
             if before is not None:
                 features.write("LineSelector", before)
 
-    def _line_s(self) -> float:
-        """Have the line take edges as they are; return how much later one acts, because its level has to last."""
+    def _wire(self) -> None:
+        """Have the chosen line take edges as they are."""
         features = self._features
         for name, wanted in AS_WIRED.items():
             found = features.find(name)
@@ -127,7 +129,10 @@ class Trigger:
                     f"{self._device}: {name} of {self._options.trigger_line} was {left} and has been reset to "
                     f"{wanted}; trigger_activation in [sensor] chooses the edge"
                 )
-        debouncer = features.first(DEBOUNCERS)
+
+    def _debounced_s(self) -> float:
+        """Return how much later an edge acts, because its level has to last."""
+        debouncer = self._features.first(DEBOUNCERS)
         if debouncer is None or not debouncer[1].readable:
             return 0.0
-        return seconds_per_unit(self._device, *debouncer) * float(features.read(debouncer[0]))
+        return seconds_per_unit(self._device, *debouncer) * float(self._features.read(debouncer[0]))

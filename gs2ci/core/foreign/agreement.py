@@ -17,6 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.pattern import FITS_NOT, PatternTrace, trace
 from gs2ci.core.foreign.scale import FULL_SCALES, Scale
+from gs2ci.core.mosaics import GREENS_FALL, GREENS_RISE, greens_of
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern
 
 # Below so many pixels such correlations come about by chance.
@@ -135,15 +136,26 @@ def check_closed_pixels(readings: F64, multiplicity: F64, guesses: list[str]) ->
         )
 
 
-def doubt_mono(image: F64, guesses: list[str]) -> None:
-    """Say so if a single-channel measurement, [H, W], has the pattern of a colour mosaic."""
-    pair = mosaic_of(image)
-    if pair is not None:
-        guesses.append(f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa")
+def doubt_mosaic(image: F64, coding: CodingConvention, cfa: CfaPattern | None, guesses: list[str]) -> None:
+    """Say so if a single-channel measurement, [H, W], looks like another colour mosaic than it is taken for."""
+    if cfa is None:
+        pair = mosaic_of(image, coding)
+        if pair is not None:
+            guesses.append(f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa")
+        return
+    pair = greens_of(image, coding.multiplicity)
+    if pair is not None and cfa not in pair:
+        guesses.append(
+            f"WARNING: the greens stand where {pair} has them, not {cfa}: does the picture begin at another row or "
+            "column of the sensor? Give the pattern at its upper left pixel by --cfa"
+        )
 
 
-def mosaic_of(image: F64) -> str | None:
+def mosaic_of(image: F64, coding: CodingConvention) -> str | None:
     """Name the pair of colour mosaics that a picture, [H, W], looks like, if it looks like one."""
+    pair = greens_of(image, coding.multiplicity)
+    if pair is not None:
+        return pair
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     if min(height, width) < 8:
         return None
@@ -151,7 +163,7 @@ def mosaic_of(image: F64) -> str | None:
     means, noise = cells.mean(axis=(0, 2)), cells.std() / np.sqrt(cells[:, 0, :, 0].size)
     spread = float(means.max() - means.min())
     # In every Bayer pattern the two greens stand on a diagonal and agree, the other two differ from them.
-    for a, b, pair in ((means[0, 0], means[1, 1], "GRBG or GBRG"), (means[0, 1], means[1, 0], "RGGB or BGGR")):
+    for a, b, pair in ((means[0, 0], means[1, 1], GREENS_FALL), (means[0, 1], means[1, 0], GREENS_RISE)):
         if abs(a - b) < 0.2 * spread and spread > max(0.1 * means.mean(), 8 * noise):
             return pair
     return None

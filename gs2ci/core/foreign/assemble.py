@@ -190,8 +190,8 @@ class _Import:
             self.guesses.append(f"{where}: colour filter array {cfa}")
         if cfa is None and channels == 1 and views is not None and views.shape[4] == 3:
             cfa = agreement.guess_cfa(self.readings[0], self.coding, views[0], self.guesses)
-        if cfa is None and channels == 1:
-            agreement.doubt_mono(self.readings[0, :, :, 0], self.guesses)
+        if channels == 1:
+            agreement.doubt_mosaic(self.readings[0, :, :, 0], self.coding, cfa, self.guesses)
         self._check_truth_channels(views, 3 if cfa else channels)
         return cfa
 

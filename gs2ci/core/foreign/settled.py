@@ -226,7 +226,7 @@ def settle(
         guesses: Sentences are added here.
     """
     if readings.shape[3] == 1 and not is_mosaic:
-        is_mosaic = agreement.mosaic_of(readings[0, :, :, 0]) is not None
+        is_mosaic = agreement.mosaic_of(readings[0, :, :, 0], coding) is not None
     work = _Settling(measurement, masks, options, is_mosaic and readings.shape[3] == 1, has_dark, guesses)
     given = len(coding.masks)
     coding, traced = work.upright(readings, coding)

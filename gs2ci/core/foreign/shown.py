@@ -27,6 +27,8 @@ _SIGMAS: Final = 6.0
 # Masks that were shown twice, or twice as long, among others that agree.
 _TWICE: Final = 1.7
 _ALIKE: Final = 0.2
+# Squares of residuals beyond so many times their median, five standard deviations, are of defects.
+_OUTLYING: Final = 55.0
 
 
 @dataclass(frozen=True)
@@ -143,10 +145,11 @@ def _of_no_mask(parts: list[_Part], shares: F64) -> float:
     """Return how much of the squared residual does not grow with what the masks let through.
 
     Texture, and its motion from view to view, shows where masks are open and as the square of how much they are; a mask
-    that is missing shows wherever it was open itself.
+    that is missing shows wherever it was open itself. Hot pixels, which stand out by more than any mask, count little.
     """
     squares = np.concatenate([(part.seen - shares @ part.known) ** 2 for part in parts])
     constant = np.concatenate([part.weight**2 for part in parts])
+    squares = np.minimum(squares, _OUTLYING * float(np.median(squares[constant > 0])))
     growing = constant * np.concatenate([part.opened**2 for part in parts])
     terms = np.stack([constant, growing])
     found = np.linalg.lstsq(terms @ terms.T, terms @ squares, rcond=None)[0]

@@ -12,6 +12,7 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from gs2ci.core.durations import spoken_duration
+from gs2ci.core.findings import Code
 from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
@@ -25,7 +26,7 @@ from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.summary import summary_rows
-from gs2ci.evaluate.sureness import ORDER_OPEN, SURE_OF_DEPTH, SURE_OF_VIEWS
+from gs2ci.evaluate.sureness import SURE_OF_DEPTH, SURE_OF_VIEWS
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 from gs2ci.render.gaussians import Gaussians
@@ -271,16 +272,11 @@ def _sureness_lead(report: Report) -> str:
     lead = "Of the errors, about 68 % lie within one standard error and 95 % within two; their tails are long."
     if report.sureness is None or report.sureness.depth_median is None:
         return lead
-    if not any(report.found(code) for code in ORDER_OPEN):
+    if not report.found(Code.DEPTH_ORDER_OPEN):
         return lead
-    held = (
-        " This measurement was fitted in the other order too: depth_other.npy has its depth."
-        if report.sureness.other_order
-        else ""
-    )
     return (
         f"{lead} The order of near and far is open, and with it depth and path are one of two: their errors are not "
-        f"normally distributed, and the standard errors hold only if the order is the one taken.{held}"
+        f"normally distributed, and the standard errors hold only if the order is the one taken."
     )
 
 

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
@@ -244,7 +245,8 @@ def _part(
         # The first and the last camera of each stand for it: that all would tell more is worth less than their time.
         ends = [path.world_to_camera[[0, -1]] for known, path in given if known.pose_errors and known is not geometry]
         others = np.concatenate(ends) if ends else None
-        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light, others)
+        centre = np.concatenate([camera_centres(path.world_to_camera) for _, path in given]).mean(axis=0)
+        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light, others, centre)
         left = replace(left, uncertainty=sure)
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}

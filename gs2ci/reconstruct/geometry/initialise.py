@@ -13,6 +13,7 @@ from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.choices import LeftOut
@@ -110,6 +111,8 @@ class Geometry:
         order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
         view_depths: Depths of the reference view and of others, if the path turns far; otherwise none.
         joined: How many views matched features joined to one scene, if not all of them.
+        followed: Where each view shows the tracked points that the motion explains, as slopes, [P, N, 2], NaN where one
+            is not seen; None if it does not come from tracks.
     """
 
     world_to_camera: F64
@@ -131,6 +134,7 @@ class Geometry:
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
     joined: int = 0
+    followed: F64 | None = None
 
     @property
     def known_at_rest(self) -> bool:
@@ -300,7 +304,8 @@ class _Estimation:
         if not geometry.has_path:
             return geometry
         geometry = self.doubted(found) if self.poses is None else measured(geometry, self.poses)
-        geometry = replace(geometry, inverse_depth=self.depth(geometry, found.motion))
+        followed = slopes_of(found.tracks.positions, geometry.intrinsics)
+        geometry = replace(geometry, inverse_depth=self.depth(geometry, found.motion), followed=followed)
         return self.with_reverse(replace(found, geometry=geometry))
 
     def focal(self, doubts: tuple[Finding, ...]) -> Focal:

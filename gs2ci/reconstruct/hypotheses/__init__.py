@@ -1,1 +1,1 @@
-"""Which fits are made (the other order of depth, a second look, from rest, with motion), and which is chosen."""
+"""Which fits are made (a second look, from rest, with motion), and which is chosen."""

@@ -84,8 +84,8 @@ def _found_in_fit(
 ) -> FirstLook | None:
     progress.say("No camera path was found: it is sought in the views of the fit.")
     polished = patch_decode_from(first.holdout.seen, views, PatchSettings.polish_sparsely())
-    # Tracks in polished views err little and alike: their preference for an order of depth proves nothing, so that both
-    # orders are wanted; and halves of them may agree on a path that is none, so that this is asked for but not enough.
+    # Tracks in polished views err little and alike: their preference for an order of depth proves nothing, so that its
+    # order stays open; and halves of them may agree on a path that is none, so that this is asked for but not enough.
     criteria = replace(
         settings.geometry.criteria,
         parallax_px=_PARALLAX_PX,

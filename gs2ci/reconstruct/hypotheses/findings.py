@@ -15,15 +15,9 @@ def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]
         order: What is known.
         geometry: That of the result.
     """
-    if not geometry.has_path:
+    if not geometry.has_path or order.state == DepthOrder.SETTLED:
         return ()
-    if order.state == DepthOrder.OPEN:
-        return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors or 0.0),)
-    if order.state == DepthOrder.UNTRIED:
-        return (finding(Code.DEPTH_ORDER_UNTRIED),)
-    if order.state == DepthOrder.LIKELY:
-        return (finding(Code.DEPTH_ORDER_LIKELY, times=order.times),)
-    return ()
+    return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors or 0.0),)
 
 
 def joined_findings(geometry: Geometry) -> tuple[Finding, ...]:

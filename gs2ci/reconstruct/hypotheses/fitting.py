@@ -28,11 +28,10 @@ from gs2ci.reconstruct.fit.scene.motion import of_degree, set_moving
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.fusion import polish_seconds
-from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
-from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, in_likelier_order, is_open
+from gs2ci.reconstruct.hypotheses.order import in_likelier_order, is_open
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.presets.budget import Budget
@@ -113,24 +112,8 @@ class Fits:
         geometry = first.geometry
         if self.settings.withheld is not None or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
-        if not self.tries_orders:
-            return first, OrderFound(DepthOrder.UNTRIED)
         likelier = in_likelier_order(geometry)
         return replace(first, geometry=likelier), OrderFound(DepthOrder.OPEN, likelier.order_errors)
-
-    @property
-    def tries_orders(self) -> bool:
-        """Get whether both orders of depth may be tried."""
-        return self.settings.try_orders and self.settings.fit.iterations >= LEAST_SCHEDULE
-
-    def occlusion(self, fit: CoarseFit, shown: F32) -> Occlusion:
-        """Find what views, [N, H, W, C], show where surfaces of a fit hide one another."""
-        shot = self.fitted.shot
-        backend = load_backend(self.settings.backend, self.settings.raster)
-        renderer = ShotRenderer(shot, fit.intrinsics, backend, self.lens, self.mask_moments)
-        depth = renderer.depths(fit.scene, fit.world_to_camera)
-        distortion = None if self.lens is None else shot.distortion
-        return occlusion(shown, depth, fit.world_to_camera, fit.intrinsics, distortion)
 
     def timed(self, first: FirstLook) -> Timed:
         """Time a few iterations of a fit from a first look, and a look at the held-out pixels."""

@@ -17,7 +17,6 @@ class Origin(StrEnum):
     FIRST = "first look"
     AGAIN = "second look"
     MATCHES = "wide"
-    TURNED = "other order of depth"
     COMPANION = "other density rule"
     MOVING = "moving from the first"
 
@@ -27,11 +26,8 @@ class DepthOrder(StrEnum):
 
     SETTLED = "settled"
     """A stage gave it, tracks are sure of it, or there is no depth."""
-    LIKELY = "likely"
-    """Of two whole fits, one of each order, one hides what the views do not show."""
     OPEN = "open"
-    UNTRIED = "untried"
-    """It is open, and nothing was done about it."""
+    """Nothing does; the likelier one is used."""
 
 
 class RaceOutcome(StrEnum):
@@ -52,12 +48,10 @@ class OrderFound:
     Args:
         state: What is known.
         errors: By how many standard errors the order that is used is preferred.
-        times: How many times as much evidence whole fits show for it.
     """
 
     state: DepthOrder = DepthOrder.SETTLED
     errors: float | None = None
-    times: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

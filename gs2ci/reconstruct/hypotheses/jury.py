@@ -1,7 +1,7 @@
 """The jury of the race: what views leave of the held-out pixels, which hypothesis is taken, and which views count.
 
 Here: these comparisons, and the questions whether things move and from where moving scenes start. Not here: the
-schedule (`race`), thresholds of motion (`moving`), what hides what (`turned`).
+schedule (`race`), thresholds of motion (`moving`).
 """
 
 import math
@@ -16,7 +16,7 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.stopping import has_clearly_risen
 from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
-from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, OrderFound, Origin
+from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, Origin
 from gs2ci.reconstruct.hypotheses.moving import (
     BEHIND_DECODE,
     BEHIND_PATCHES,
@@ -27,7 +27,6 @@ from gs2ci.reconstruct.hypotheses.moving import (
     rested,
     speaks_for_motion,
 )
-from gs2ci.reconstruct.hypotheses.turned import explain_alike, told_by
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 
@@ -74,10 +73,10 @@ class Jury:
         views = min(starts, key=lambda shown: or_infinite(self._fits.holdout.residual_rms(shown)))
         return Hypothesis(Origin.MOVING, rested(leader.hypothesis.look), views, moves=True)
 
-    def taken(self, field: tuple[Entrant, ...], asked: MotionQuestion) -> tuple[tuple[Entrant, ...], OrderFound]:
-        """Return the fits of a still scene, that of the hypothesis taken first, and what they say of its order."""
-        leader, order = field[0], field[0].hypothesis.order
-        rivals = [one for one in field if one.hypothesis.origin not in (Origin.COMPANION, Origin.TURNED)]
+    def taken(self, field: tuple[Entrant, ...]) -> tuple[Entrant, ...]:
+        """Return the fits of a still scene, that of the hypothesis taken first."""
+        leader = field[0]
+        rivals = [one for one in field if one.hypothesis.origin != Origin.COMPANION]
         if len(rivals) > 1:
             for rival in rivals:
                 self.judged[rival.number] = self.left(rival)
@@ -85,25 +84,7 @@ class Jury:
             pathless = next((one for one in rivals if one.geometry.lacks_path), leader)
             if not clearly_less(self.judged[leader.number], self.judged[pathless.number]):
                 leader = pathless
-            order = leader.hypothesis.order
-        # What moves hides other things than a scene at rest would, also where a moving scene explains no more.
-        turned = [one for one in field if one.hypothesis.origin == Origin.TURNED and not asked.speaks_for_motion]
-        told = self._told(leader, turned[0]) if turned else None
-        if told is not None:
-            leader, order = (leader if told[0] else turned[0]), told[1]
-        return (leader, *(one for one in field if one.number != leader.number)), order
-
-    def _told(self, one: Entrant, other: Entrant) -> tuple[bool, OrderFound] | None:
-        """Tell whether the first of two fits hides what refined views do not show; None if that is not clear."""
-        fits, results = self._fits, [entrant.run.result() for entrant in (one, other)]
-        refined = [fits.refine(result.views) for result in results]
-        if not explain_alike(*(fits.holdout.residual_rms(views) for views in refined)):
-            return None
-        one_fit, other_fit = (fits.occlusion(*seen) for seen in zip(results, refined, strict=True))
-        if not self._settings.may_move:
-            return told_by(one_fit, other_fit)
-        moves = [ask(fits.holdout, result.views).pixels(fits.holdout.shot.size) for result in results]
-        return told_by(one_fit, other_fit, moves[0] | moves[1])
+        return (leader, *(one for one in field if one.number != leader.number))
 
     def counting(self, field: Sequence[Entrant]) -> list[Entrant]:
         """Return those whose views count in the mean: other hypotheses unless they surely raise its residual.

@@ -6,7 +6,7 @@ wrong. Prior knowledge counts a little: the order in which the camera turns less
 turns. A hand-held camera may turn, though, or one on a rail whose sensors are shifted: this never makes an order sure.
 
 Here: these two questions. Not here: the tracks' preference (`geometry/path/motion.py`), the reversal and its turn
-(`geometry/reversal.py`), what whole fits of both orders show (`turned`).
+(`geometry/reversal.py`).
 """
 
 from dataclasses import replace
@@ -16,8 +16,6 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import share_with_travel, turned
 
-LEAST_SCHEDULE: Final = 150
-"""If the whole fit has fewer iterations, no fit of the other order is made: it would not show what hides what."""
 # The tracks' preference is as sure as a third of its errors, since they are correlated (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 

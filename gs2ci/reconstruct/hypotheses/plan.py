@@ -19,7 +19,7 @@ from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Timed, slower_be
 from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.hypotheses.again import is_wanted
 from gs2ci.reconstruct.hypotheses.fitting import Fits
-from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, Origin
+from gs2ci.reconstruct.hypotheses.hypothesis import Origin
 from gs2ci.reconstruct.hypotheses.race import HALF
 from gs2ci.reconstruct.presets.budget import GROWS_BY
 
@@ -84,19 +84,18 @@ class RacePlan:
         )
 
 
-def planned(fits: Fits, first: FirstLook, order: OrderFound) -> RacePlan:
+def planned(fits: Fits, first: FirstLook) -> RacePlan:
     """Foresee the race and what follows it.
 
     Args:
         fits: What all fits share, before any was made.
         first: The first look.
-        order: What is known of the order of depth.
     """
     seconds, timed, count = fits.clock.seconds(), fits.timed(first), max(1, fits.settings.fits)
     alone_s = fit_seconds(fits, timed, 1)
     beside_s = max(0.0, fit_seconds(fits, timed, count) - alone_s)
     steps = [PlannedStep(f"fit along the path of {first.geometry.source}", alone_s, _why(first))]
-    steps += _second(fits, first, order, alone_s, beside_s)
+    steps += _second(fits, first, alone_s, beside_s)
     settings = fits.settings
     polish_s = 0.0 if settings.polish is None else polish_seconds(fits.holdout, first.decoded, settings.polish)
     decodes_s = seconds.get("decode", 0.0) * (_DECODES_AFTERWARDS if first.sigma is None else _LAST_STEPS)
@@ -105,14 +104,12 @@ def planned(fits: Fits, first: FirstLook, order: OrderFound) -> RacePlan:
     return RacePlan((*steps, *_perhaps(fits, first, alone_s)), seconds["total"])
 
 
-def _second(fits: Fits, first: FirstLook, order: OrderFound, alone_s: float, beside_s: float) -> Iterator[PlannedStep]:
+def _second(fits: Fits, first: FirstLook, alone_s: float, beside_s: float) -> Iterator[PlannedStep]:
     """Yield what is fitted beside the leader: what is most in doubt."""
     settings, count = fits.settings, fits.settings.fits
     if settings.may_look_again and is_wanted(first.geometry, settings.geometry):
         what = f"the path found in its views, or {Origin.COMPANION.value}"
         yield PlannedStep(what, alone_s, "the path is in doubt")
-    elif order.state == DepthOrder.OPEN and fits.tries_orders:
-        yield PlannedStep(Origin.TURNED.value, beside_s or alone_s, "tracks leave it open")
     elif count > 1:
         yield PlannedStep(f"{Origin.COMPANION.value} ({count - 1} more)", beside_s, "the mean of fits errs less")
 

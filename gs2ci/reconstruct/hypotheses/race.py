@@ -1,11 +1,11 @@
 """The race: every hypothesis gets part of a fit, the better ones go on, and at most two still ones reach the end.
 
-    first hypothesis ─┬─ what is most in doubt beside it: its other order of depth, or else the other density rule
+    first hypothesis ─┬─ the other density rule beside it
                       │    half of the schedule
                       ├─ path in doubt: proposers see the views so far; theirs run a quarter, the best two go on
                       │    all of the schedule
                       └─ residual like motion, or no better than a decode: moving ones, or matched features, likewise
-                         ─► the jury: held-out pixels; of two orders of depth, what hides what
+                         ─► the jury: held-out pixels
 
 This is successive halving (Jamieson and Talwalkar 2016): nothing that was fitted for a hypothesis that goes on is
 fitted again. One rule holds for all: after a quarter of its schedule a fit that is far behind the leader's residual
@@ -48,8 +48,6 @@ from gs2ci.reconstruct.hypotheses.moving import (
     rested,
     speaks_for_motion,
 )
-from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE
-from gs2ci.reconstruct.hypotheses.turned import turned_over
 
 QUARTER: Final = 0.25
 """After this share of the schedule the residual of a fit predicts its final one well enough: on the real fan that of
@@ -57,6 +55,8 @@ fits from rest was 1.38 times that of fits along a path, and 1.4 times in the en
 both, and 0.6 and 0.97 times in the end."""
 HALF: Final = 0.5
 """The share after which proposers see the views of a leader whose path is in doubt."""
+LEAST_SCHEDULE: Final = 150
+"""If the whole fit has fewer iterations, its residual is not asked whether things move: it would look so anyway."""
 BEHIND: Final = 1.2
 """A fit whose residual is so many times that of another after as many iterations will not catch up: before a quarter of
 the schedule it had been up to 1.2 times on the two others named above."""
@@ -130,8 +130,8 @@ class Race:
             # its fit only got worse.
             first = self._decoded_better(first)
         field = self._to(1.0, field)
-        field, order = self._jury.taken(field, asked)
-        return self._delivered(first, field, order, asked, residuals)
+        field = self._jury.taken(field)
+        return self._delivered(first, field, field[0].hypothesis.order, asked, residuals)
 
     # Who enters.
 
@@ -142,7 +142,7 @@ class Race:
         origin = Origin.MOVING if moves else Origin.FIRST
         leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
         if not self._may_look_again(first.geometry):
-            return self._to(HALF, (leader, *self._second(leader)))
+            return self._to(HALF, (leader, *self._companions(leader)))
         self._to(HALF, [leader])
         if self.fits.halt.asked:
             return (leader,)
@@ -162,13 +162,9 @@ class Race:
         return found
 
     def _cut(self, leader: Entrant, entered: list[Entrant]) -> tuple[Entrant, ...]:
-        """Return those that go on after a quarter of the schedule: the best, and what is most in doubt beside it."""
+        """Return those that go on after a quarter of the schedule, and companions of the best."""
         kept = self._kept(leader, entered)
-        best = kept[0]
-        if self._is_order_open(best.hypothesis) and not self.fits.halt.asked:
-            self._leave(kept[1:], RaceOutcome.NOT_NEEDED)
-            kept = kept[:1]
-        return (*kept, *(self._second(best) if len(kept) == 1 else self._companions(best, 1)))
+        return (*kept, *self._companions(kept[0], len(kept) - 1))
 
     def _kept(self, leader: Entrant, entered: list[Entrant]) -> list[Entrant]:
         """Return those that are not far behind after a quarter of their schedule, at most two, the best first.
@@ -189,20 +185,9 @@ class Race:
         self._leave([one for one in ranked if one not in near[:2]], RaceOutcome.BEHIND)
         return near[:2]
 
-    def _second(self, leader: Entrant) -> list[Entrant]:
-        """Enter what is most in doubt beside a leader: its other order of depth, or else companions."""
-        if self.fits.halt.asked:
-            return []
-        if self._is_order_open(leader.hypothesis):
-            self.fits.progress.say(
-                "Near and far may still be exchanged: a fit of the other order shows what would hide what."
-            )
-            return [self._enter(turned_over(leader.hypothesis)), *self._companions(leader, 1)]
-        return self._companions(leader)
-
     def _companions(self, leader: Entrant, beside: int = 0) -> list[Entrant]:
         """Enter those that a leader's fit is averaged with, if so many others are beside it."""
-        members = range(1, self._settings.fits - beside)
+        members = range(1, self._settings.fits - beside) if not self.fits.halt.asked else ()
         return [self._enter(leader.hypothesis.companion(number), leader.of) for number in members]
 
     def _enter(self, hypothesis: Hypothesis, of: int | None = None) -> Entrant:
@@ -335,7 +320,7 @@ class Race:
         chosen = leader.hypothesis.origin.value if moves or leader.hypothesis.moves else STILL
         motion = MotionReport(self._settings.motion, asked, tuple(residuals.items()), chosen, moves=moves)
         geometry = leader.geometry
-        if order.state in (DepthOrder.LIKELY, DepthOrder.OPEN):
+        if order.state == DepthOrder.OPEN:
             geometry = replace(geometry, order_errors=order.errors)
         return Raced(first, leader.hypothesis.look, geometry, fits, ensemble, order, motion, self._course())
 
@@ -357,10 +342,6 @@ class Race:
     def _may_look_again(self, geometry: Geometry) -> bool:
         may = self._settings.may_look_again and LeftOut.SECOND_LOOK not in self._settings.left_out
         return may and is_wanted(geometry, self._settings.geometry)
-
-    def _is_order_open(self, hypothesis: Hypothesis) -> bool:
-        may = self.fits.tries_orders and LeftOut.OCCLUSION not in self._settings.left_out
-        return may and hypothesis.order.state == DepthOrder.OPEN
 
     def _decoded_better(self, first: FirstLook, *, hurried: bool = False) -> FirstLook:
         """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.

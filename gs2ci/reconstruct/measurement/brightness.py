@@ -200,7 +200,7 @@ class LinearSystem:
         light: Amount of light of each, [L].
         half: Which pixels belong to the first half, [P].
         block: The block of the picture to which each pixel belongs, [P].
-        told: Modes of brightness in which the masks tell views apart, [L, R]; None if they do in all.
+        told: Modes of brightness in which the masks tell views apart, [L, R].
     """
 
     parts: F64
@@ -209,7 +209,7 @@ class LinearSystem:
     light: F64
     half: Bool
     block: NDArray[np.intp]
-    told: F64 | None
+    told: F64
 
     @classmethod
     def of(cls, shot: Shot, views: F32) -> "LinearSystem | None":
@@ -244,16 +244,12 @@ class LinearSystem:
         """
         parts = self.parts[:, pixels].reshape(len(self.parts), -1)
         normal, right = parts @ parts.T, parts @ self.readings[pixels].ravel()
-        if self.told is not None and self.told.shape[1] < 2:
+        # In all other modes the brightness is that of the weights.
+        right = self.told.T @ (right - normal.sum(axis=1))
+        normal = self.told.T @ normal @ self.told
+        if len(normal) < 2 or not np.isfinite(normal).all() or np.linalg.cond(normal) > TOO_ALIKE:
             return None
-        if self.told is not None:  # in all other modes the brightness is that of the weights
-            right = self.told.T @ (right - normal.sum(axis=1))
-            normal = self.told.T @ normal @ self.told
-        if not np.isfinite(normal).all() or np.linalg.cond(normal) > TOO_ALIKE:
-            return None
-        found = np.linalg.solve(normal, right)
-        if self.told is not None:
-            found = 1 + self.told @ found
+        found = 1 + self.told @ np.linalg.solve(normal, right)
         mean = float((found * self.light).sum() / self.light.sum())
         if mean <= 0 or not _RANGE[0] * mean <= found.min() <= found.max() <= _RANGE[1] * mean:
             return None
@@ -266,12 +262,8 @@ class LinearSystem:
         """
         parts = self.parts.reshape(len(self.parts), -1)
         normal = parts @ parts.T
-        if self.told is None:
-            inverse = np.linalg.inv(normal)
-            found = inverse @ (parts @ self.readings.ravel())
-        else:
-            inverse = self.told @ np.linalg.inv(self.told.T @ normal @ self.told) @ self.told.T
-            found = 1 + inverse @ (parts @ self.readings.ravel() - normal.sum(axis=1))
+        inverse = self.told @ np.linalg.inv(self.told.T @ normal @ self.told) @ self.told.T
+        found = 1 + inverse @ (parts @ self.readings.ravel() - normal.sum(axis=1))
         left = self.readings - np.tensordot(found, self.parts, axes=1)
         by_pixel = (self.parts * left).sum(axis=-1)
         spread = inverse @ scores_over_blocks(by_pixel, self.block) @ inverse
@@ -314,11 +306,8 @@ def _part(coding: Coding, views: F32, view: int) -> F64:
     return alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)
 
 
-def told_modes(masks: F32) -> F64 | None:
-    """Return the modes of brightness, [L, R], in which masks, [L, P], tell views apart; None if they do in all."""
-    if len(masks) < 2:
-        return None
+def told_modes(masks: F32) -> F64:
+    """Return the modes of brightness, [L, R], in which masks, [L, P], L at least 1, tell views apart."""
     opened = masks.astype(np.float64)
     shares, modes = np.linalg.eigh(opened @ opened.T)
-    kept = shares >= _LEAST_TOLD * shares.mean()
-    return None if kept.all() else np.asarray(modes[:, kept])
+    return np.asarray(modes[:, shares >= _LEAST_TOLD * shares.mean()])

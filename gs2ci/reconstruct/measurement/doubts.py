@@ -10,6 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.mosaics import greens_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_numbers, scores_over_blocks
 from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE, told_modes
@@ -66,7 +67,18 @@ def _doubts_about_light(shot: Shot) -> list[Finding]:
     clipped = clipped_share(shot)
     if clipped >= SATURATION_WORTH_SAYING:
         doubts.append(finding(Code.SATURATED, share=clipped))
-    return [*doubts, *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]
+    return [*doubts, *_doubts_about_colours(shot), *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]
+
+
+def _doubts_about_colours(shot: Shot) -> list[Finding]:
+    """Report a single-channel measurement whose neighbours differ as those of another mosaic do."""
+    if shot.measurement.shape[2] != 1:
+        return []
+    opened = np.tensordot(shot.weights.astype(np.float64), shot.masks.astype(np.float64), 1)
+    pair = greens_of(shot.measurement[:, :, 0].astype(np.float64), opened)
+    if pair is None or (shot.cfa is not None and shot.cfa in pair):
+        return []
+    return [finding(Code.OTHER_MOSAIC, pair=pair, taken=shot.cfa or "one colour")]
 
 
 def _doubts_about_scale(shot: Shot) -> list[Finding]:
@@ -143,9 +155,10 @@ def _doubts_about_differences(shot: Shot, bright: Bool) -> list[Finding]:
     mean = float(shot.masks.mean(dtype=np.float64))
     share = float(np.sqrt(shot.masks.var(axis=0, dtype=np.float64).mean())) / mean if mean > 0 else np.inf
     little = [finding(Code.MASKS_DIFFER_LITTLE, share=share)] if share < _DIFFER_LITTLE else []
-    told = None if repeated or little else told_modes(shot.masks[bright].reshape(-1, shot.lit.size))
-    pairs = [] if told is None else [finding(Code.MASKS_IN_PAIRS, untold=int(len(told) - told.shape[1]), of=len(told))]
-    return [*repeated, *little, *pairs]
+    if repeated or little or not bright.any():
+        return [*repeated, *little]
+    views, told = told_modes(shot.masks[bright].reshape(-1, shot.lit.size)).shape
+    return [finding(Code.MASKS_IN_PAIRS, untold=views - told, of=views)] if told < views else []
 
 
 def doubts_about_result(holdout: Holdout, views: F32) -> tuple[Finding, ...]:

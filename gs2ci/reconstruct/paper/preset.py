@@ -55,7 +55,6 @@ def paper_settings() -> Settings:
         Settings(),
         poses="vggt-or-tracks",
         proxy="routed",
-        try_orders=False,
         look_again=False,
         fit=fit,
         fits=1,

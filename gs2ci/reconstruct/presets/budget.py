@@ -76,7 +76,6 @@ class Budget:
         """Return settings by which the first path is fitted alone, from one decode: all the time goes to its fits."""
         return replace(
             settings,
-            try_orders=False,
             look_again=False,
             long_decode=None,
             fine=None,

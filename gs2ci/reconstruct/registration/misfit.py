@@ -20,7 +20,7 @@ from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.widening import MaskSum, widened
 
 # Sharpening amplifies the noise of a calibration as well: no frequency is amplified by more than this.
-MOST_SHARPENING: Final = 30.0
+_MOST_SHARPENING: Final = 30.0
 # Taps farther away than so many standard deviations are left out, as the common image libraries do.
 _TRUNCATE: Final = 4.0
 
@@ -48,17 +48,16 @@ class Misfit(Placement):
         """Get the standard deviation of the blur, px; negative if masks are stated softer than they were."""
         return 0.0 if self.blur_px2 == 0 else math.copysign(sigma_of(abs(self.blur_px2)), self.blur_px2)
 
-    def of_masks(self, masks: F64, most_sharpening: float = MOST_SHARPENING, *, wrapped: bool = False) -> F64:
+    def of_masks(self, masks: F64, *, wrapped: bool = False) -> F64:
         """Return transmissions, [N, H, W], from the stated ones.
 
         Args:
             masks: As stated, [N, H, W].
-            most_sharpening: No frequency is amplified by more.
             wrapped: The pattern is continued periodically; otherwise its border values are.
         """
         wider = widened(masks, self.widening_px)
         placed = wider if self.is_identity else self.sample(wider, wrapped=wrapped)
-        blurred = gaussian(placed, self.blur_px2, most_sharpening)
+        blurred = gaussian(placed, self.blur_px2)
         return np.clip((1 - self.leak) * blurred + self.leak, 0.0, 1.0)
 
     def of_sum(self, masks: MaskSum) -> F64:
@@ -82,18 +81,18 @@ class Misfit(Placement):
         return replace(self, **{name: 0.0 for name in BY_NAME if name not in names})
 
 
-def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:
+def gaussian(stack: F64, variance_px2: float) -> F64:
     """Blur pictures, [N, H, W], by a sampled Gaussian of this variance, mirrored at the border; negative: sharpen.
 
     Its taps are exp(−n² / 2σ²), normalised, with variance σ² above half a pixel and less below. The blur depends
     smoothly on the variance down to zero, unlike on σ. Sharpening is the inverse, but no frequency is amplified by more
-    than `most_sharpening`.
+    than `_MOST_SHARPENING`.
     """
     if variance_px2 == 0:
         return stack
     factor = transfer(abs(variance_px2), stack.shape[1:])
     if variance_px2 < 0:
-        factor = 1 / np.maximum(factor, 1 / most_sharpening)
+        factor = 1 / np.maximum(factor, 1 / _MOST_SHARPENING)
     blurred: F64 = fft.idctn(fft.dctn(stack, axes=(1, 2), norm="ortho") * factor, axes=(1, 2), norm="ortho")
     return blurred
 

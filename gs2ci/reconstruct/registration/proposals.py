@@ -51,8 +51,6 @@ _UNEVEN_PX: Final = 0.7
 _TILE_ELEMENTS: Final = 32
 _TILE_REACH: Final = 8
 _LOOKED_AT_PX: Final = 256
-# How often a field and the light along with it are estimated in turn.
-_TURNS: Final = 3
 # A darker leak and a lighter black level are told apart by the scene alone.
 _ALIKE: Final = ("leak", "black")
 
@@ -136,20 +134,16 @@ def _again(placed: Placement, seen: F64, total: F64, element: float) -> Placemen
 def _with_its_light(
     problem: Problem, whole: Problem, field: MisfitEstimate, light: tuple[str, ...], let_in: _LetIn
 ) -> MisfitEstimate:
-    """Estimate light with a field, and the field with that light, in turn.
+    """Estimate light with a field, and the field with that light.
 
     Without a field, its displacements were mistaken for blur. And a displacement by a fraction of a pixel blurs as
     well, so that masks stated too sharp or too soft pull a field towards the pixels' centres or away from them: by 0.03
-    px with a blur of -0.05 px².
+    px with a blur of -0.05 px². Further turns change nothing (docs/decisions/registration.md).
     """
-    for _ in range(_TURNS):
-        along = settled(problem, refine(problem, field.misfit, light), let_in) if light else None
-        misfit = field.misfit.only(GEOMETRY) if along is None else along.misfit
-        field = find_closer(whole, misfit, tuple(name for name in LOW if name in field.errors))
-        light = () if along is None else tuple(along.errors)
-        if not light:
-            break
-    return MisfitEstimate(field.misfit, {**field.errors, **({} if along is None else along.errors)})
+    along = settled(problem, refine(problem, field.misfit, light), let_in) if light else None
+    misfit, errors = (field.misfit.only(GEOMETRY), {}) if along is None else (along.misfit, along.errors)
+    field = find_closer(whole, misfit, tuple(name for name in LOW if name in field.errors))
+    return MisfitEstimate(field.misfit, {**field.errors, **errors})
 
 
 def _with_either(problem: Problem, found: MisfitEstimate, let_in: _LetIn) -> list[MisfitEstimate]:

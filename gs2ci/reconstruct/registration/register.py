@@ -43,7 +43,7 @@ from gs2ci.reconstruct.registration.parameters import GEOMETRY
 from gs2ci.reconstruct.registration.proposals import propose
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import sources
-from gs2ci.reconstruct.registration.ways import chosen, from_source, ways_of
+from gs2ci.reconstruct.registration.ways import chosen, from_source, way_of
 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
@@ -280,7 +280,7 @@ class _Registration:
         masks = np.ascontiguousarray(ORIENTATIONS[how](self.shot.masks.astype(np.float64))).astype(np.float32)
         turned = replace(self.shot, masks=masks)
         moved = MisfitEstimate(Misfit().moved(best.down_px, best.right_px), {})
-        if chosen(self.shot, ways_of(turned, moved), None, self.seed) is None:
+        if chosen(self.shot, [way_of(turned, moved)], None, self.seed) is None:
             return peak, "as given"
         self.shot = turned
         self.notes.append(finding(Code.MASKS_TURNED, how=how, ratio=best.ratio))
@@ -293,12 +293,12 @@ class _Registration:
             self.notes.append(finding(Code.READINGS_BEND, slope=bent.slope, curvature=bent.curvature))
         proposed, asked = propose(self.shot, peak)
         tried = {name: pair for estimate in (*asked, *proposed) for name, pair in estimate.pairs.items()}
-        proposals = [way for estimate in proposed for way in ways_of(self.shot, estimate)]
+        proposals = [way_of(self.shot, estimate) for estimate in proposed]
         for source in sources(self.shot.masks) if peak.is_sure and self.settings.restores else ():
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
             again, _ = propose(replace(self.shot, masks=source.masks), peak, edges=False)
             estimates = again or [MisfitEstimate(Misfit(), {})]
-            proposals += [way for estimate in estimates for way in from_source(self.shot, estimate, source)]
+            proposals += [from_source(self.shot, estimate, source) for estimate in estimates]
         way = chosen(self.shot, [way for way in proposals if not way.is_bent], None, self.seed)
         way = chosen(self.shot, [way for way in proposals if way.is_bent], way, self.seed)
         if way is None:

@@ -41,17 +41,16 @@ class Rim:
     notes: tuple[Finding, ...] = ()
 
 
-def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot, Rim]:
+def complete(shot: Shot, misfit: Misfit) -> tuple[Shot, Rim]:
     """Return a measurement with its masks displaced as they are, and the uncovered band filled.
 
     Args:
         shot: The measurement, with its black level subtracted.
         misfit: The errors of its masks.
-        masks: True transmissions, [N, H, W]; None: from the stated ones and the misfit.
     """
     stated = shot.masks.astype(np.float64)
     unknown = ~misfit.known(shot.size)
-    going_on = misfit.of_masks(stated) if masks is None else masks
+    going_on = misfit.of_masks(stated)
     if not unknown.any():
         return _with(shot, going_on), Rim(unknown)
     flat = np.where(unknown, going_on[:, ~unknown].mean(axis=1)[:, None, None], going_on)

@@ -15,9 +15,8 @@ A calibration of few frames adds noise that differs from pixel to pixel. Element
 masks are stated again without it, as soft as they were: elements, levels and softness explain far more pixels than they
 have parameters. Noise is cut off at 0 and 1, which shifts the means of what closed and open elements pass.
 
-If all this fails, regularised filtering sharpens the masks as far as the measurement agrees.
-
-Here: all three. Not here: what elements pass (`levels`), whether the masks are used (`register`, by the measurement).
+Here: both. Not here: what elements pass (`levels`), whether the masks are used (`register`, by the measurement), and
+filtering, which sharpens masks where all this fails (`misfit`).
 """
 
 from collections.abc import Callable
@@ -34,11 +33,9 @@ from scipy.special import expit
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.registration.levels import Levels
 from gs2ci.reconstruct.registration.local_scene import TINY
-from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, transfer, variance_of
+from gs2ci.reconstruct.registration.misfit import gaussian, transfer, variance_of
 from gs2ci.reconstruct.registration.parameters import MATTERS_PX
 
-# Amplification of frequencies that is tried: masks from a drawing allow more than masks from a noisy calibration.
-SHARPENINGS: Final = (1e3, 100.0, 30.0, 10.0, 3.0)
 _LEAST_SIDE_PX: Final = 16
 # Frequencies reduced below the first number count as lost, and blurs wider than the second number, px, are not tried:
 # for masks exact to float32, and for a noisy calibration.
@@ -314,13 +311,6 @@ def _left(stated: F64, given: F64) -> float:
     one, other = stated - stated.mean(), given - given.mean()
     step = float(np.vdot(one, other)) / max(float(np.vdot(other, other)), TINY)
     return float(np.mean((one - step * other) ** 2)) / max(float(stated.var()), TINY)
-
-
-def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:
-    """Return stated masks sharpened in several ways, [N, H, W] each; none if the misfit requires no sharpening."""
-    if misfit.blur_px2 >= 0:
-        return []
-    return [misfit.of_masks(masks, most) for most in SHARPENINGS]
 
 
 def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import BY_NAME, in_words
 from gs2ci.reconstruct.registration.rim import Rim, complete
-from gs2ci.reconstruct.registration.sharpen import SharpMasks, candidates
+from gs2ci.reconstruct.registration.sharpen import SharpMasks
 
 
 @dataclass(frozen=True)
@@ -37,36 +37,29 @@ class Way:
         return bool(self.misfit.field.any())
 
 
-def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
-    """Return the shot corrected by an estimate; if that requires sharpening, once for each way to sharpen."""
+def way_of(shot: Shot, estimate: MisfitEstimate) -> Way:
+    """Return the shot corrected by an estimate."""
     misfit, errors = estimate.misfit, dict(estimate.errors)
     found = in_words(misfit.values(), errors)
-    stated = shot.masks.astype(np.float64)
     readings = (shot.measurement - np.float32(misfit.black)).astype(np.float32)
-    black = replace(shot, measurement=readings) if misfit.black else shot
-    ways = []
-    for one in candidates(stated, misfit) or [None]:
-        corrected, rim = complete(black, misfit, one)
-        ways.append(Way(corrected, misfit, errors, found, rim, is_filtered=one is not None))
-    return ways
+    corrected, rim = complete(replace(shot, measurement=readings) if misfit.black else shot, misfit)
+    return Way(corrected, misfit, errors, found, rim, is_filtered=misfit.blur_px2 < 0)
 
 
-def from_source(shot: Shot, estimate: MisfitEstimate, source: SharpMasks) -> list[Way]:
+def from_source(shot: Shot, estimate: MisfitEstimate, source: SharpMasks) -> Way:
     """Return a shot with the source of its masks, corrected by an estimate from these.
 
     What is said and recorded of the correction is how the masks differ from the stated ones.
     """
     how = f"their elements are open or closed, and stated {source.how}"
-    found = []
-    for way in ways_of(replace(shot, masks=source.masks), estimate):
-        moved = way.misfit.moved(*source.shift_px)
-        misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
-        # Restored elements may be blurred again as much as they are stated.
-        alike = abs(misfit.blur_px2) < BY_NAME["blur_px2"].least
-        errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}
-        said = "; ".join(filter(None, (how, in_words(misfit.values(), errors))))
-        found.append(replace(way, is_filtered=False, misfit=misfit, errors=errors, found=said))
-    return found
+    way = way_of(replace(shot, masks=source.masks), estimate)
+    moved = way.misfit.moved(*source.shift_px)
+    misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
+    # Restored elements may be blurred again as much as they are stated.
+    alike = abs(misfit.blur_px2) < BY_NAME["blur_px2"].least
+    errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}
+    said = "; ".join(filter(None, (how, in_words(misfit.values(), errors))))
+    return replace(way, is_filtered=False, misfit=misfit, errors=errors, found=said)
 
 
 def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | None:

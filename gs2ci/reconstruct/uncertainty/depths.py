@@ -1,25 +1,31 @@
 """Standard errors of depths, pixel by pixel.
 
 A depth errs with the path, by which all depths shift together; as far as a turn in step with the travel may take the
-travel's place; by the error of a point's place in each view, the more the less the point moves through the views; by
-the thickness of the light that it is the median of; and where near and far meet, because an edge may lie a pixel off.
-Here: these together, on a device where one works. Not here: that turn (`poses`), the factors (`factors`).
+travel's place; by the error of a point's place in each view, the more the less the point moves through the views; and
+where near and far meet, because an edge may lie a pixel off. Here: these together, on a device where one works, and the
+error of places, which tracked points tell. Not here: that turn (`poses`), the factors (`factors`).
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, turned
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth, turned
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 from gs2ci.render.places import work_place
 
+_WITHIN_ONE: Final = 0.68
 
-def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: float, others: F64 | None = None) -> F32:
+
+def errors_of_depths(
+    seen: ReadingsSeen, place_px: float, path_error: float, turn: float, others: F64 | None = None
+) -> F32:
     """Return the standard error of each depth, [N, H, W], in its unit; 0 where there is no depth.
 
     If no stage or file gave the unit of lengths, it is that beyond the scale of the median depth, which no image
@@ -27,23 +33,20 @@ def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: f
 
     Args:
         seen: Depths and poses, and the views along them.
-        spread: Of the light along the ray, as a share of depth, [N, H, W].
+        place_px: Error of points' places through all views (`error_of_places`), px.
         path_error: Expected error of the path, as a share of its extent.
         turn: In step with the travel, that readings do not see (`unseen_turn`), rad.
         others: Given poses of further cameras that see the scene, [K, 4, 4].
     """
     depth = seen.depth
-    there = depth > 0
-    if not there.any():
-        return np.zeros_like(depth)
     device, most = work_place(), factors.most_of_jump
-    middle, found = float(np.median(depth[there])), np.zeros_like(depth)
+    middle, found = middle_depth(seen), np.zeros_like(depth)
     cameras = seen.world_to_camera if others is None else np.concatenate([seen.world_to_camera, others])
     moved_by_turn = turn * float(seen.focal_px.mean()) * len(cameras) ** 0.5
     sides = [(float(one.min()), float(one.max())) for one in np.moveaxis(seen.rays, -1, 0)]
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
-        own, across, light = (torch.from_numpy(one).to(device) for one in (depth[view], seen.rays, spread[view]))
+        own, across = (torch.from_numpy(one).to(device) for one in (depth[view], seen.rays))
         own, rays, known_there = own.double(), across.double().unbind(dim=-1), own > 0
         ahead = torch.where(known_there, own, 1)
         points = (rays[0] * ahead, rays[1] * ahead, ahead)
@@ -54,10 +57,47 @@ def errors_of_depths(seen: ReadingsSeen, spread: F32, path_error: float, turn: f
         # more of a point's movement may be turn, the less its depth tells how far from the middle it lies.
         share = (moved_by_turn / moved).clamp(max=1)
         by_turn = share * torch.hypot(middle / ahead - 1, share * factors.unknown_depth)
-        by_light = torch.hypot(factors.depth_by_spread * light.double(), factors.depth_by_jump * jump)
-        relative = ((factors.place_px / moved) ** 2 + by_light**2 + by_path**2 + by_turn**2).sqrt()
+        by_edge = factors.depth_by_jump * jump
+        relative = ((place_px / moved) ** 2 + by_edge**2 + by_path**2 + by_turn**2).sqrt()
         found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
+
+
+def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) -> float:
+    """Return by how much depths put tracked points beside where they were followed to, through all views, px.
+
+    Where a fit leaves the depth of small or faint things at that of their surroundings, readings hardly show it, and
+    tracks do. What all depths have in common is no error of a place, but scale.
+
+    Args:
+        seen: Depths and poses.
+        reference: The view in which the tracks begin.
+        followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None: there are none.
+
+    Returns:
+        The error within which 68 % of them lie: of a place's movement as depth grows, the root of the sum of squares
+        over the views, as `movement`. `factors.untracked_px` if no point tells.
+    """
+    if followed is None:
+        return factors.untracked_px
+    starts = followed[:, reference]
+    _, at = cKDTree(seen.rays.reshape(-1, 2)).query(np.nan_to_num(starts))
+    depth = seen.depth[reference].reshape(-1)[at].astype(np.float64)
+    points = torch.from_numpy(np.stack([*(starts.T * depth), np.where(depth > 0, depth, np.nan)])).unbind()
+    motions = seen.world_to_camera @ np.linalg.inv(seen.world_to_camera[reference])
+    found = torch.stack([torch.stack([*one, *two]) for one, two in (_moving(motion, points) for motion in motions)])
+    places, steps = np.split(found.movedim(-1, 0).numpy(), 2, axis=2)
+    told = np.isfinite(followed - places)
+    share = told / np.maximum(told.sum(axis=1, keepdims=True), 1)
+    off, steps = (np.where(told, one * seen.focal_px, 0) for one in (followed - places, steps))
+    off, steps = (told * (one - (share * one).sum(axis=1, keepdims=True)) for one in (off, steps))
+    moved = np.sqrt(np.square(steps).sum(axis=(1, 2)))
+    tells = moved > 0
+    if not tells.any():
+        return factors.untracked_px
+    beside = (off * steps).sum(axis=(1, 2))[tells] / moved[tells]
+    common = beside @ moved[tells] / (moved @ moved)
+    return float(np.quantile(np.abs(beside - common * moved[tells]), _WITHIN_ONE))
 
 
 def movement(
@@ -75,7 +115,7 @@ def movement(
         view: The view along whose rays they move.
         points: Their three coordinates in the axes of this view, [...] each.
         sides: Least and largest x and y at z = 1 within a picture; a camera counts for the points within its picture.
-            None: every camera counts for all.
+            None: it counts for all before it.
 
     Returns:
         [...]: the root of the sum of squares, over the views, of the change of a point's place beyond the mean change;
@@ -84,18 +124,24 @@ def movement(
     squares, total = torch.zeros_like(points[0]), [torch.zeros_like(points[0]) for _ in focal_px]
     counted = torch.zeros_like(points[0])
     for motion in world_to_camera @ np.linalg.inv(world_to_camera[view]):
-        # How a point moves in each camera's axes as its depth grows by a share, and where it is.
-        along = turned(motion, points)
-        depth = along[2] + float(motion[2, 3])
-        ahead = torch.where(depth > 0, depth, torch.inf)
-        at = [(along[axis] + float(motion[axis, 3])) / ahead for axis in (0, 1)]
+        at, steps = _moving(motion, points)
+        inside = at[0].isfinite()
         if sides is not None:
-            inside = [(low <= one) & (one <= high) for one, (low, high) in zip(at, sides, strict=True)]
-            ahead = torch.where(inside[0] & inside[1], ahead, torch.inf)
-        counted += ahead.isfinite() if sides is not None else 1
+            for one, (low, high) in zip(at, sides, strict=True):
+                inside = inside & (low <= one) & (one <= high)
+        counted += inside
         for axis, focal in enumerate(focal_px.tolist()):
-            place = (along[axis] - at[axis] * along[2]) / ahead * focal
+            place = torch.where(inside, steps[axis], 0) * focal
             total[axis] += place
             squares += place.square()
     spread = squares - sum(one.square() for one in total) / counted.clamp(min=1)
     return spread.clamp(min=0).sqrt().clamp(min=factors.place_px)
+
+
+def _moving(motion: F64, points: Sequence[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
+    """Return where a camera, [4, 4], sees points, and how this moves as depth grows by a share: slopes, NaN behind."""
+    along = turned(motion, points)
+    depth = along[2] + float(motion[2, 3])
+    ahead = torch.where(depth > 0, depth, torch.nan)
+    at = [(along[axis] + float(motion[axis, 3])) / ahead for axis in (0, 1)]
+    return at, [(along[axis] - at[axis] * along[2]) / ahead for axis in (0, 1)]

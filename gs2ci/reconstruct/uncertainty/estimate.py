@@ -8,19 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
-from gs2ci.core.ranks import rank_correlation
+from gs2ci.core.arrays import F64
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.surfaces import pixel_rays
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
-from gs2ci.reconstruct.uncertainty.depths import errors_of_depths
+from gs2ci.reconstruct.uncertainty.depths import error_of_places, errors_of_depths
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, flows_between, information
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, flows_between, information, middle_depth
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, unseen_turn
 from gs2ci.reconstruct.uncertainty.views import ViewsMade, errors_alike, errors_of_views
-from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.stopping import StoppedLight
 
 
@@ -49,25 +47,20 @@ class PathKnown:
 
     Args:
         reference: The view whose pose is held.
-        expected_error: By halves of the tracks, as a share of the path's extent; None if they did not judge it.
+        error: That is to be expected, as a share of the path's extent.
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
-        extent: Of the path, in its unit.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
+        followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None without tracks.
+        centre: Mean place of the cameras of all exposures that share the scene, [3]; None if there are no others.
     """
 
     reference: int
-    expected_error: float | None
+    error: float
     given: tuple[float, float] | None
-    extent: float
     others: F64 | None = None
-
-    @property
-    def error(self) -> float:
-        """Get the expected error as a share of the path's extent."""
-        if self.given is not None and self.extent > 0:
-            return self.given[0] / self.extent
-        return factors.path_not_judged if self.expected_error is None else self.expected_error
+    followed: F64 | None = None
+    centre: F64 | None = None
 
 
 def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
@@ -95,32 +88,8 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
-    there = depth[depth > 0]
-    middle = float(np.median(there)) if there.size else 1.0
-    positions, rotations = errors_of_poses(covariance, of.world_to_camera, middle, turn, given=given)
-    depths = errors_of_depths(seen, of.light.spread.numpy(), path.error, turn, path.others)
+    places = of.world_to_camera, middle_depth(seen)
+    positions, rotations = errors_of_poses(covariance, *places, turn, given=given, centre=path.centre)
+    place_px = error_of_places(seen, path.reference, path.followed)
+    depths = errors_of_depths(seen, place_px, path.error, turn, path.others)
     return Uncertainty(views, depths, positions, rotations)
-
-
-def in_other_order(
-    depth: F32, reference: int, renderer: ShotRenderer, others: list[tuple[Gaussians, F64]]
-) -> F32 | None:
-    """Return the depth, [N, H, W], of the first other fit that has near and far exchanged, in the unit of `depth`.
-
-    Args:
-        depth: As delivered, [N, H, W]; 0 where there is none.
-        reference: The view in which orders are compared.
-        renderer: Of the exposure.
-        others: Scenes and poses of other fits to it.
-
-    Returns:
-        None if no other fit has the other order.
-    """
-    for scene, poses in others:
-        found = renderer.depths(scene, poses)
-        both = (depth[reference] > 0) & (found[reference] > 0)
-        here, there = depth[reference][both].astype(np.float64), found[reference][both].astype(np.float64)
-        if here.size and np.ptp(here) > 0 and np.ptp(there) > 0 and rank_correlation(there, here) < 0:
-            scale = np.float32(np.median(here) / np.median(there))
-            return found * scale
-    return None

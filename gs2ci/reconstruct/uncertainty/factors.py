@@ -22,10 +22,8 @@ class Factors:
             theirs. The share is that of the median residual, which counts some of what scenes lack as noise, so that
             only large shares tell.
         least_of_level: However much of the residual is noise, views err by some of it.
-        pattern_of_residual: What tells where views err, in parts of their power: the residual about a pixel,
-        pattern_of_detail: steep places, where a small displacement shows,
-        pattern_of_decode: differences between the views and the decode,
-        pattern_of_fits: and, where there are several, between fits.
+        pattern_of_fits: Of what tells where views err, the share of differences between fits, where there are several;
+            the rest is that of the residual about a pixel.
         neighbourhood_px: Residuals, and the masks' light, are averaged over so many pixels (standard deviation).
         least_light: A pixel of less light than this share of an open mask tells nothing by itself.
         little_light: What its own reading takes away counts in full from this share on.
@@ -49,9 +47,10 @@ class Factors:
             which this is less than so many px, in the mean over the picture and the path: the narrower the field of
             view, the larger the turn.
         out_of_step: So much of it is not in step with the travel, and takes the place of travel view by view.
-        depth_by_spread: The error of a depth per spread along the ray of the light that it is the median of.
-        place_px: The error of a point's place in each view, px, as it makes a depth err: a point that moves little
-            through the views, as one far down a corridor, has an uncertain depth.
+        place_px: The error of points' places through all views, px, at best: a point that moves little through them, as
+            one far down a corridor, has an uncertain depth.
+        untracked_px: The same where no tracked points tell it (`depths.error_of_places`): those of a path that tracks
+            did not show are the less sure.
         depth_by_jump: The error of a depth per relative jump of depth from pixel to pixel: an error of a pixel's
             breadth in where an edge lies.
         most_of_jump: Larger jumps count as this.
@@ -66,10 +65,7 @@ class Factors:
     unseen: float = 2.5
     noise_order: int = 3
     least_of_level: float = 0.1
-    pattern_of_residual: float = 0.32
-    pattern_of_detail: float = 0.20
-    pattern_of_decode: float = 0.13
-    pattern_of_fits: float = 0.35
+    pattern_of_fits: float = 0.5
     neighbourhood_px: float = 2.0
     least_light: float = 0.05
     little_light: float = 0.2
@@ -83,8 +79,8 @@ class Factors:
     turn_prior: float = 0.1
     unseen_px: float = 0.055
     out_of_step: float = 0.1
-    depth_by_spread: float = 0.56
     place_px: float = 0.25
+    untracked_px: float = 1.0
     depth_by_jump: float = 0.91
     most_of_jump: float = 0.3
     depth_by_path: float = 3.0

@@ -87,7 +87,7 @@ def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] 
     cells, number = _cells(seen, reference)
     rows, share = _lattice(height, width, _MOST_READINGS)
     by_pose, by_depth = _derivatives(seen, reference, cells, number, rows)
-    extent = max(path_extent(seen.world_to_camera), LEAST_EXTENT * _middle_depth(seen))
+    extent = max(path_extent(seen.world_to_camera), LEAST_EXTENT * middle_depth(seen))
     position, turn = (extent, factors.turn_prior) if errors is None else errors
     prior = np.tile([position] * 3 + [turn] * 3, count)
     # The reference camera does not move: the world is its own.
@@ -101,7 +101,8 @@ def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] 
     return scaled * np.outer(prior, prior)
 
 
-def _middle_depth(seen: ReadingsSeen) -> float:
+def middle_depth(seen: ReadingsSeen) -> float:
+    """Return the median depth; 1 if there is none."""
     known = seen.depth[seen.depth > 0]
     return float(np.median(known)) if known.size else 1.0
 
@@ -128,7 +129,7 @@ def flows_between(seen: ReadingsSeen) -> F64:
     count, height, width = seen.depth.shape
     chosen, _ = _lattice(height, width, _PLACES)
     depth = seen.depth.reshape(count, -1)[:, chosen]
-    depth = np.where(depth > 0, depth, np.float32(_middle_depth(seen)))
+    depth = np.where(depth > 0, depth, np.float32(middle_depth(seen)))
     found = np.zeros((count, count, len(chosen)))
     for view in range(count):
         points = _in_world(seen, view, chosen, depth[view])

@@ -15,7 +15,8 @@ from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
+from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.stopping import StoppedLight
 
@@ -28,6 +29,7 @@ def how_sure(
     renderer: ShotRenderer,
     light: StoppedLight,
     others: F64 | None = None,
+    centre: F64 | None = None,
 ) -> Uncertainty:
     """Return the standard errors of a run's results.
 
@@ -39,22 +41,19 @@ def how_sure(
         renderer: Of the exposure.
         light: Where the light of its pixels is stopped.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
+        centre: Mean place of the cameras of all these exposures, [3].
     """
     best = ensemble.best
     delivered = recovered.views if recovered.exposed is None else recovered.exposed
-    views = ViewsMade(delivered, ensemble.views, look.decoded, ensemble.disagreement)
+    views = ViewsMade(delivered, ensemble.views, ensemble.disagreement)
     exposed = ExposureFound(look.holdout, renderer, views, best.world_to_camera, light)
     moving = any(fit.scene.motion is not None for fit in (best, *ensemble.others))
-    path = None if moving else _path(geometry, ensemble, others)
+    path = None if moving else _path(geometry, ensemble, others, centre)
     found = standard_errors(exposed, path)
-    if path is not None:
-        fits = [(fit.scene, fit.world_to_camera) for fit in ensemble.others]
-        depth = light.surface().numpy()
-        found = replace(found, other_depth=in_other_order(depth, geometry.reference, renderer, fits))
     return replace(found, views=look.brightness.shown(found.views[..., None])[..., 0])
 
 
-def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None) -> PathKnown | None:
+def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, centre: F64 | None) -> PathKnown | None:
     """Return what is known of the path; None if there is none, or the camera is known to have been at rest."""
     if not geometry.has_path or geometry.known_at_rest:
         return None
@@ -63,4 +62,7 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None) -> PathKno
     # Paths that nothing gave err together by more than information that adds up says.
     others = None if given is None else others
     extent = path_extent(poses if others is None else np.concatenate([poses, others]))
-    return PathKnown(geometry.reference, geometry.path_error_expected, given, extent, others)
+    error = factors.path_not_judged if geometry.path_error_expected is None else geometry.path_error_expected
+    if given is not None and extent > 0:
+        error = given[0] / extent
+    return PathKnown(geometry.reference, error, given, others, geometry.followed, centre)

@@ -35,7 +35,7 @@ def unseen_turn(rays: F32, focal_px: F64, given: float | None = None) -> float:
 
 
 def errors_of_poses(
-    covariance: F64, world_to_camera: F64, middle_depth: float, turn: float, *, given: bool
+    covariance: F64, world_to_camera: F64, middle_depth: float, turn: float, *, given: bool, centre: F64 | None = None
 ) -> tuple[F64, F64]:
     """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
 
@@ -45,6 +45,8 @@ def errors_of_poses(
         middle_depth: Of the scene, in the unit of the path.
         turn: That readings do not see (`unseen_turn`), rad.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
+        centre: The mean place of the cameras of all exposures that share the scene, [3], whose similarity it then is;
+            None: there are no others.
     """
     count = len(world_to_camera)
     centres = camera_centres(world_to_camera)
@@ -55,9 +57,11 @@ def errors_of_poses(
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     if given:
         return position, rotation
-    place = factors.out_of_step * turn * middle_depth
-    far = np.linalg.norm(moved, axis=1)
-    in_step = turn * far / max(float(np.sqrt(np.square(far).mean())), _LEAST)
+    # Exposures that share a scene share the turn per travel, so that those at the ends turn by more.
+    far = np.linalg.norm(moved if centre is None else centres - centre, axis=1)
+    per_length = turn / max(float(np.sqrt(np.square(moved).sum(axis=1).mean())), _LEAST)
+    in_step = np.minimum(per_length * far, np.pi)
+    place = factors.out_of_step * middle_depth * max(turn, float(np.sqrt(np.square(in_step).mean())))
     return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 
 

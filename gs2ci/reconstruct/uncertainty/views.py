@@ -2,20 +2,18 @@
 
 How large they are follows from the readings: what the scene's views leave of them, at pixels that the fit saw and at
 those held out, per unit of light that errors would send there, N views sharing one reading. Where they are follows from
-the residual about each pixel, the detail there, the decode and the spread of several fits, and from what the pixel's
-own reading says of each view. Here: that. Not here: the factors (`factors`), depths and poses.
+the residual about each pixel and the spread of several fits, and from what the pixel's own reading says of each view.
+Here: that. Not here: the factors (`factors`), depths and poses.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +23,11 @@ class ViewsMade:
     Args:
         delivered: As each mask saw them.
         scene: The mean of the fits' views.
-        decoded: Without a scene.
         disagreement: How far several fits are from their mean, [N, H, W]; None with one fit.
     """
 
     delivered: F32
     scene: F32
-    decoded: F32
     disagreement: F32 | None
 
 
@@ -92,33 +88,14 @@ def _level(holdout: Holdout, views: ViewsMade, light: F64, power: F64, noise: F3
 
 def _pattern(views: ViewsMade, power: F64, light: F64, full: float) -> F32:
     """Return where errors are, as shares of their mean power, [N, H, W]; `power` and `light` are 0 at unused pixels."""
-    about = _smooth(power, factors.neighbourhood_px) / np.maximum(
-        _smooth(light, factors.neighbourhood_px), factors.least_light * full
-    )
-    down, across = slopes(torch.from_numpy(_smooth(views.delivered.mean(axis=-1), 0.5)))
-    apart = np.stack([np.mean((a - b) ** 2, axis=-1) for a, b in zip(views.decoded, views.delivered, strict=True)])
-    parts = [
-        (factors.pattern_of_residual, np.broadcast_to(about, views.delivered.shape[:3])),
-        (factors.pattern_of_detail, _smooth((down**2 + across**2).numpy(), 1.2)),
-        (factors.pattern_of_decode, _smooth(apart, 1.0)),
-    ]
-    if views.disagreement is not None:
-        parts.append((factors.pattern_of_fits, views.disagreement**2))
-    means = [float(values.mean(dtype=np.float64)) for _, values in parts]
-    total = np.zeros(views.delivered.shape[:3], np.float32)
-    for (part, values), mean in zip(parts, means, strict=True):
-        if mean > 0:
-            total += values * np.float32(part / mean)
-    mean = float(total.mean(dtype=np.float64))
-    return total / np.float32(mean) if mean > 0 else np.ones_like(total)
+    near, lit = (gaussian_filter(one, factors.neighbourhood_px, mode="nearest") for one in (power, light))
+    about = np.tile(_shares(near / np.maximum(lit, factors.least_light * full)), (len(views.delivered), 1, 1))
+    if views.disagreement is None:
+        return about
+    return about + np.float32(factors.pattern_of_fits) * (_shares(views.disagreement**2) - about)
 
 
-def _smooth(values: F64 | F32, sigma_px: float) -> F64 | F32:
-    """Smooth the last two axes, in float64; a stack of maps map by map, and kept in float32."""
-    if values.ndim == 2:
-        smooth: F64 = gaussian_filter(values.astype(np.float64), sigma_px, mode="nearest")
-        return smooth
-    found = np.empty(values.shape, np.float32)
-    for one, target in zip(values, found, strict=True):
-        target[:] = _smooth(one, sigma_px)
-    return found
+def _shares(power: F64 | F32) -> F32:
+    """Return power as shares of its mean; 1 where there is none anywhere."""
+    mean = power.mean(dtype=np.float64)
+    return (power / mean if mean > 0 else np.ones_like(power)).astype(np.float32)

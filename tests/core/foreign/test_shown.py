@@ -95,10 +95,13 @@ def mosaic():
     return masks, read
 
 
-@pytest.mark.parametrize("black", [0.0, 0.3])
-def test_a_black_level_below_texture_in_a_mosaic_is_not_taken_for_a_missing_mask(mosaic, take, said, black):
+@pytest.mark.parametrize(("black", "hot"), [(0.0, 0), (0.3, 0), (0.3, 20)])
+def test_a_black_level_below_texture_in_a_mosaic_is_not_taken_for_a_missing_mask(mosaic, take, said, black, hot):
     masks, read = mosaic
-    imported = take(ImportOptions(scale=700.0, cfa="RGGB"), meas=read(range(8), black), masks=masks[:8])
+    readings = read(range(8), black)
+    rng = np.random.default_rng(9)
+    readings[rng.integers(0, 72, hot), rng.integers(0, 96, hot)] = 1.3 * readings.max()
+    imported = take(ImportOptions(scale=700.0, cfa="RGGB"), meas=readings, masks=masks[:8])
     assert not said(imported, "more masks shown")
 
 

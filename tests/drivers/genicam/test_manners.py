@@ -111,6 +111,14 @@ def test_a_line_that_another_program_left_inverted_or_an_output_triggers_as_it_i
     assert one.twin.nodes.of("LineInverter", "Line0") is left[1]  # the other line is not ours
 
 
+def test_lines_that_are_not_the_triggers_are_left_as_they_are():
+    """The trigger comes in by a counter here, which is no line."""
+    one = Bench({"trigger_line": "Counter0End"}, trigger_input="Counter0End", line_left=("Output", True))
+    one.twin.nodes._nodes["LineSelector"].symbols = ("Line0", "Line1")
+    one.start()
+    assert not [line for line in one.sensor.incidents if "has been reset" in line and "Line" in line]
+
+
 def test_an_inverted_line_that_the_rig_file_asks_for_is_kept():
     one = Bench({"features": {"LineSelector": "Line1", "LineInverter": True}}, line_left=("Input", False))
     one.start()

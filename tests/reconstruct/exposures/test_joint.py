@@ -92,7 +92,7 @@ def test_the_same_seed_gives_the_same_scene(shots, together):
 
 @pytest.mark.slow
 def test_one_exposure_alone_is_fitted_as_a_reconstruction_of_it_fits(shots):
-    still = replace(SETTINGS, motion="off", look_again=False, try_orders=False)
+    still = replace(SETTINGS, motion="off", look_again=False)
     joint = reconstruct_together(shots[:1], still)
     single = pipeline.reconstruct(shots[0], still)
     # The race may add hypotheses; the fit of the first is the same, look by look.

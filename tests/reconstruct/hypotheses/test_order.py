@@ -78,9 +78,7 @@ def test_only_an_estimated_path_whose_tracks_are_not_sure_is_open(found):
 @pytest.mark.parametrize(
     ("order", "code"),
     [
-        (OrderFound(DepthOrder.UNTRIED), Code.DEPTH_ORDER_UNTRIED),
         (OrderFound(DepthOrder.OPEN, 0.4), Code.DEPTH_ORDER_OPEN),
-        (OrderFound(DepthOrder.LIKELY, 3.0, times=4.0), Code.DEPTH_ORDER_LIKELY),
         (OrderFound(), None),
     ],
 )

@@ -3,7 +3,7 @@
 The fits are replaced: a hypothesis leaves what the table says from its first look on.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +15,6 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses import jury, race
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
@@ -28,7 +27,6 @@ from gs2ci.reconstruct.settings import Settings
 LONG = 400
 QUIET, LOUD = LeftByMotion(0.0, 0.0, np.zeros((4, 4, 2))), LeftByMotion(0.2, 0.5, np.ones((4, 4, 2)))
 # One block of 16 px, of the first thing's side of the picture, moves.
-ONE_MOVES = LeftByMotion(0.0, 0.06, np.where(np.arange(16).reshape(4, 4, 1) == 4, 1.0, 0.0) * np.ones(2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +75,7 @@ class Fits:
 
     leaves: dict
     settings: Settings
-    occluded: dict = field(default_factory=dict)
-    tries_orders: bool = True
     scatter: float = 0.0
-    things: int = 2
 
     def __post_init__(self):
         # Squares at eight held-out pixels; differences between two of them scatter alike.
@@ -113,12 +108,6 @@ class Fits:
     def order_of(self, look):
         return look, OrderFound(DepthOrder.OPEN, 0.3) if self.leaves.get("opens") else OrderFound()
 
-    def occlusion(self, fit, shown):
-        """As many things side by side as are asked for."""
-        evidence = np.zeros((8, 8))
-        evidence[:, : 3 * self.things : 3] = self.occluded.get(float(fit.views), 0.0) / (8 * self.things)
-        return Occlusion(evidence, 1.0)
-
     def mean(self, fits):
         self.averaged = fits
         return SimpleNamespace(best=fits[0], averaged=len(fits))
@@ -141,13 +130,11 @@ def run(
     *,
     left=QUIET,
     settings=None,
-    occluded=None,
     further=0.1,
     scatter=0.0,
-    things=2,
 ):
     """Race from a first look; return the result, and how many iterations each hypothesis got."""
-    fits = Fits(leaves, settings or Settings(), occluded or {}, scatter=scatter, things=things)
+    fits = Fits(leaves, settings or Settings(), scatter=scatter)
     again = "second look" in leaves
     found = replace(first, geometry=replace(first.geometry, verdict="full", path_error_expected=0.01))
     monkeypatch.setattr(race, "second_look", lambda *_: found if again else None)
@@ -166,28 +153,22 @@ def run(
 DOUBTFUL, PATHLESS = {"path_error_expected": 0.2}, {"verdict": "rotation_only"}
 OPEN = OrderFound(DepthOrder.OPEN, 0.4)
 FIRST, SECOND = "first look", "second look"
-TURNED, COMPANION, MATCHED = "other order of depth", "other density rule", "wide"
+COMPANION, MATCHED = "other density rule", "wide"
 
 
 @pytest.mark.parametrize(
     ("geometry", "order", "leaves", "fitted", "taken"),
     [
         ({}, None, {FIRST: 0.03}, [(FIRST, 400), (COMPANION, 400)], FIRST),
-        ({}, OPEN, {FIRST: 0.03, TURNED: 0.031}, [(FIRST, 400), (TURNED, 400)], FIRST),
+        ({}, OPEN, {FIRST: 0.03}, [(FIRST, 400), (COMPANION, 400)], FIRST),
         (DOUBTFUL, None, {FIRST: 0.03, SECOND: 0.02}, [(FIRST, 200), (SECOND, 400), (COMPANION, 400)], SECOND),
         (DOUBTFUL, None, {FIRST: 0.022, SECOND: 0.02}, [(FIRST, 400), (SECOND, 400)], SECOND),
         (DOUBTFUL, None, {FIRST: 0.02, SECOND: 0.03}, [(FIRST, 400), (SECOND, 100), (COMPANION, 400)], FIRST),
         (DOUBTFUL, None, {FIRST: 0.02}, [(FIRST, 400), (COMPANION, 400)], FIRST),
-        (DOUBTFUL, OPEN, {FIRST: 0.02, SECOND: 0.021}, [(FIRST, 400), (SECOND, 100), (TURNED, 400)], FIRST),
+        (DOUBTFUL, OPEN, {FIRST: 0.02, SECOND: 0.021}, [(FIRST, 400), (SECOND, 400)], FIRST),
         (PATHLESS, None, {FIRST: 0.03, SECOND: 0.0299}, [(FIRST, 400), (SECOND, 400)], FIRST),
         (PATHLESS, None, {FIRST: 0.03, SECOND: 0.029}, [(FIRST, 400), (SECOND, 400)], SECOND),
-        (
-            PATHLESS,
-            None,
-            {FIRST: 0.03, SECOND: 0.029, TURNED: 0.028, "opens": True},
-            [(FIRST, 200), (SECOND, 400), (TURNED, 400)],
-            SECOND,
-        ),
+        (PATHLESS, None, {FIRST: 0.03, SECOND: 0.029, "opens": True}, [(FIRST, 400), (SECOND, 400)], SECOND),
         (DOUBTFUL, None, {FIRST: 0.02, SECOND: float("nan")}, [(FIRST, 400), (SECOND, 0), (COMPANION, 400)], FIRST),
         ({}, None, {FIRST: 0.12, MATCHED: 0.05}, [(FIRST, 400), (COMPANION, 200), (MATCHED, 400)], MATCHED),
         ({}, None, {FIRST: 0.12, MATCHED: 0.2}, [(FIRST, 400), (COMPANION, 400), (MATCHED, 100)], FIRST),
@@ -228,43 +209,11 @@ def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first
     assert dict(made)[MOVES] == LONG
 
 
-@pytest.mark.parametrize(
-    ("kept", "turned", "taken", "state"),
-    [
-        (0.02, 0.001, FIRST, DepthOrder.LIKELY),
-        (0.001, 0.02, TURNED, DepthOrder.LIKELY),
-        (0.02, 0.019, FIRST, DepthOrder.OPEN),
-        (1e-5, 0.0, FIRST, DepthOrder.OPEN),
-    ],
-)
-def test_what_hides_what_tells_two_orders_apart(monkeypatch, first, kept, turned, taken, state):
-    leaves, occluded = {FIRST: 0.03, TURNED: 0.031}, {0.03: kept, 0.031: turned}
-    raced, _ = run(monkeypatch, first, leaves, OPEN, occluded=occluded)
-    assert [one.hypothesis.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
-    assert raced.order.state == state
-    assert [fit.beside for fit in raced.fits] == [False, True][: len(raced.fits)]
-
-
-@pytest.mark.parametrize(
-    ("things", "left", "motion", "state"),
-    [
-        (1, QUIET, "auto", DepthOrder.LIKELY),
-        (1, ONE_MOVES, "auto", DepthOrder.OPEN),
-        (2, ONE_MOVES, "auto", DepthOrder.LIKELY),
-        (1, ONE_MOVES, "off", DepthOrder.LIKELY),
-    ],
-)
-def test_a_thing_that_may_move_tells_nothing_of_an_order(monkeypatch, first, things, left, motion, state):
-    occluded, settings = {0.03: 0.001, 0.031: 0.02}, Settings(motion=motion)
-    leaves = {FIRST: 0.03, TURNED: 0.031}
-    raced, _ = run(monkeypatch, first, leaves, OPEN, occluded=occluded, left=left, settings=settings, things=things)
-    assert raced.order.state == state
-    assert bool(raced.fits[0].views == 0.03) == (state == DepthOrder.OPEN)
-
-
-def test_fits_that_differ_by_more_than_their_order_tell_nothing_of_it(monkeypatch, first):
-    raced, _ = run(monkeypatch, first, {FIRST: 0.03, TURNED: 0.04}, OPEN, occluded={0.03: 0.0, 0.04: 0.02})
-    assert raced.order == OPEN
+@pytest.mark.parametrize("opens", [False, True])
+def test_an_open_order_of_the_one_taken_is_reported(monkeypatch, first, opens):
+    first = replace(first, geometry=replace(first.geometry, **PATHLESS))
+    raced, _ = run(monkeypatch, first, {FIRST: 0.03, SECOND: 0.02, "opens": opens})
+    assert raced.order == (OrderFound(DepthOrder.OPEN, 0.3) if opens else OrderFound())
 
 
 @pytest.mark.parametrize(("fits", "made"), [(1, 1), (2, 2), (4, 4)])
@@ -310,6 +259,6 @@ def test_within_a_budget_the_first_path_is_fitted_alone(monkeypatch, first, moti
     settings = Budget.beforehand(Settings(motion=motion))
     leaves = {FIRST: 0.02, SECOND: 0.01, "wide": 0.01, "moving from the first": 0.02}
     doubtful = replace(first, geometry=replace(first.geometry, **DOUBTFUL))
-    raced, entered = run(monkeypatch, doubtful, leaves, OrderFound(DepthOrder.UNTRIED), settings=settings, left=LOUD)
+    raced, entered = run(monkeypatch, doubtful, leaves, OPEN, settings=settings, left=LOUD)
     assert entered == [(fitted, LONG), (COMPANION, LONG)]
     assert raced.motion.moves == (motion == "on")

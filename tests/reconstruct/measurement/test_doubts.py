@@ -9,6 +9,7 @@ from gs2ci.core.records import CFA_PATTERNS, Shot
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.doubts import doubt_about_lamps, doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
+from tests.core.test_mosaics import coded
 
 
 def found_in(shot):
@@ -54,6 +55,18 @@ def test_a_lamp_that_outshines_the_scene_is_told_though_it_is_small(smooth_shot)
     half_masks = replace(smooth_shot, masks=0.5 * smooth_shot.masks)
     assert doubt_about_lamps(half_masks) == ()
     assert Code.BRIGHTER_THAN_WHITE in found_in(half_masks)
+
+
+@pytest.mark.parametrize(("cfa", "taken"), [(None, "one colour"), ("GRBG", "GRBG"), ("RGGB", None), ("BGGR", None)])
+def test_a_mosaic_that_is_taken_for_another_is_told(cfa, taken):
+    readings, _ = coded(3, "RGGB")
+    masks = (np.random.default_rng(3).random((6, 72, 96)) < 0.4).astype(np.float32)  # those that `coded` draws
+    told = found_in(Shot(readings[..., None], masks, cfa=cfa))
+    assert (Code.OTHER_MOSAIC in told) == (taken is not None)
+    if taken is not None:
+        assert told[Code.OTHER_MOSAIC].sentence.startswith(
+            f"The readings look like a colour mosaic RGGB or BGGR, but were taken as {taken}:"
+        )
 
 
 def test_a_measurement_of_another_unit_is_told(smooth_shot):

@@ -113,7 +113,6 @@ def test_no_pixel_is_held_out_nothing_ends_it_early_and_nothing_of_ours_comes_in
     assert min(FIT.hold_out.patience, FIT.hold_out.growth_patience) >= FIT.iterations
     assert (FIT.surfaces, FIT.loss.size) == (None, 0.0)
     assert (SETTINGS.fits, SETTINGS.second_density, SETTINGS.residual) == (1, None, None)
-    assert not SETTINGS.try_orders
     assert not SETTINGS.may_look_again
     assert SETTINGS.brightness.rounds == 0
     assert SETTINGS.registration.mode == "off"

@@ -18,7 +18,6 @@ QUICK = Settings(
     poses="tracks",
     look_again=False,
     motion="off",
-    try_orders=False,
     seed=1,
 )
 SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)

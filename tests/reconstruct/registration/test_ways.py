@@ -10,7 +10,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.rim import Rim
-from gs2ci.reconstruct.registration.ways import Way, chosen, ways_of
+from gs2ci.reconstruct.registration.ways import Way, chosen, way_of
 
 VIEWS = 8
 
@@ -37,7 +37,7 @@ def shifted(seed, side, shift_px, *, is_right):
 def test_readings_averaged_where_no_mask_is_known_do_not_speak_for_a_displacement(side, shift_px, seed):
     for is_right in (True, False):
         shot = shifted(seed, side, shift_px, is_right=is_right)
-        way = ways_of(shot, MisfitEstimate(Misfit().moved(shift_px, shift_px), {}))[0]
+        way = way_of(shot, MisfitEstimate(Misfit().moved(shift_px, shift_px), {}))
         assert (chosen(shot, [way], None, 0) is way) == is_right
 
 

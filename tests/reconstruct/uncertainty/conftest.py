@@ -69,7 +69,7 @@ def measured() -> Measured:
         # In places, unlike noise, which is everywhere.
         places = (rng.random(true.shape[1:3]) < 0.2)[None, ..., None] / 0.2**0.5
         found = (true + error * places * rng.standard_normal(true.shape)).astype(np.float32)
-        return Holdout.of(shot, share, 0), ViewsMade(found, found, true, None), true
+        return Holdout.of(shot, share, 0), ViewsMade(found, found, None), true
 
     return make
 

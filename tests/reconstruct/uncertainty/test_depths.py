@@ -4,13 +4,25 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.uncertainty.depths import errors_of_depths, movement
+from gs2ci.core.cameras import in_camera
+from gs2ci.reconstruct.uncertainty.depths import error_of_places, errors_of_depths, movement
 from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def stated(seen, spread=0.0, path_error=0.0, turn=0.0, others=None):
-    return errors_of_depths(seen, np.full_like(seen.depth, spread), path_error, turn, others)
+def stated(seen, place_px=factors.place_px, path_error=0.0, turn=0.0, others=None):
+    return errors_of_depths(seen, place_px, path_error, turn, others)
+
+
+def followed(seen, depth, noise=0.0):
+    """Slopes of points of view 3, at a depth of their own, in all views."""
+    rays = seen.rays.reshape(-1, 2)[::5].astype(np.float64)
+    deep = depth[3].reshape(-1)[::5, None].astype(np.float64)
+    there = np.stack([in_camera(np.hstack([rays * deep, deep]), pose) for pose in seen.world_to_camera], axis=1)
+    slopes = there[..., :2] / there[..., 2:]
+    slopes += noise * np.random.default_rng(0).standard_normal(slopes.shape) / 35
+    slopes[:, 3] = rays
+    return slopes
 
 
 def test_there_is_an_error_where_there_is_a_depth_and_none_larger_than_it(seen):
@@ -29,11 +41,48 @@ def test_far_things_that_move_little_through_the_views_are_less_sure(seen):
     assert relative[:, :, 24].mean() > 4 * relative[:, :, 8].mean()
 
 
-def test_thick_light_and_jumps_of_depth_are_less_sure(seen):
-    thin, thick = stated(seen, 0.0), stated(seen, 0.1)
-    assert (thick > thin).all()
-    assert thick[3, 5, 5] ** 2 - thin[3, 5, 5] ** 2 == pytest.approx((factors.depth_by_spread * 0.1 * 2) ** 2, rel=1e-3)
-    assert thin[3, 12, 16] > 1.5 * thin[3, 12, 28]
+def test_places_that_are_less_sure_make_depths_so(seen):
+    sure, unsure = stated(seen, 0.2), stated(seen, 0.4)
+    assert np.allclose(unsure[3, 5, 5], 2 * sure[3, 5, 5], rtol=1e-3)
+
+
+def test_jumps_of_depth_are_less_sure(seen):
+    found = stated(seen)
+    assert found[3, 12, 16] > 1.5 * found[3, 12, 28]
+
+
+def test_tracks_on_the_depths_found_show_no_error_of_places_at_any_scale(seen):
+    assert error_of_places(seen, 3, followed(seen, seen.depth)) == pytest.approx(0, abs=1e-6)
+    larger = replace(seen, depth=1.1 * seen.depth)
+    assert error_of_places(larger, 3, followed(seen, seen.depth)) < 0.05
+
+
+def test_depths_left_at_those_of_their_surroundings_err_by_what_tracks_show(seen):
+    """Half of the points lie at 2 × 1.2 and 3 × 1.2, scattered among the others: the mean is no error, the rest is."""
+    true = seen.depth.copy()
+    true[:, ::2, ::2] *= 1.2
+    true[:, 1::2, 1::2] *= 1.2
+    found = error_of_places(seen, 3, followed(seen, true))
+    poses, points = seen.world_to_camera, torch.tensor([0.0, 0, 2], dtype=torch.float64).unbind()
+    moved = float(movement(poses, seen.focal_px, 3, points))
+    assert found == pytest.approx(0.1 * moved, rel=0.4)
+    noisy = error_of_places(seen, 3, followed(seen, true, noise=0.5))
+    assert noisy > found
+
+
+def test_points_that_few_views_see_or_that_have_no_depth_do_not_tell_of_places(seen):
+    there = followed(seen, seen.depth)
+    lost = there.copy()
+    lost[:10, :3], lost[:10, 4:] = np.nan, np.nan
+    lost[10:20, 0] += 3  # only where its depth is known
+    depth = seen.depth.copy()
+    depth.reshape(len(depth), -1)[:, 50:100] = 0
+    assert error_of_places(replace(seen, depth=depth), 3, lost) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("points", [None, np.empty((0, 6, 2)), np.full((4, 6, 2), np.nan)])
+def test_without_tracked_points_places_err_as_is_usual(seen, points):
+    assert error_of_places(seen, 3, points) == factors.untracked_px
 
 
 def test_a_doubtful_path_makes_depths_off_the_middle_one_less_sure(seen):

@@ -9,8 +9,7 @@ import torch
 from gs2ci.core.cameras import pinhole
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
-from gs2ci.reconstruct.uncertainty.factors import factors
+from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -42,17 +41,16 @@ def exposed(measured):
     scene = discs((2.0, 3.0))
     views = renderer.views(scene, torch.from_numpy(poses).float())
     shot = replace(holdout.shot, measurement=holdout.coded(views) + np.float32(0.01))
-    seen = ViewsMade(views, views, views, None)
+    seen = ViewsMade(views, views, None)
     return ExposureFound(Holdout(shot, holdout.pixels), renderer, seen, poses, renderer.stopped_light(scene, poses))
 
 
 def known(**changes):
-    return replace(PathKnown(3, 0.05, None, 0.2), **changes)
+    return replace(PathKnown(3, 0.05, None), **changes)
 
 
 def test_a_still_scene_along_a_path_has_all_standard_errors(exposed):
     found = standard_errors(exposed, known()).check((6, *SIZE))
-    assert found.other_depth is None
     for part in (found.views, found.depth, found.positions, found.rotations):
         assert part is not None
         assert part.any()
@@ -71,25 +69,19 @@ def test_given_poses_are_surer(exposed):
         assert getattr(found[1], name).mean() < getattr(found[0], name).mean()
 
 
-@pytest.mark.parametrize(
-    ("path", "error"),
-    [
-        (known(), 0.05),
-        (known(expected_error=None), factors.path_not_judged),
-        (known(given=(0.002, 0.001)), 0.01),
-        (known(given=(0.002, 0.001), extent=0.0), 0.05),
-    ],
-)
-def test_the_error_of_a_path_is_that_of_who_judged_it(path, error):
-    assert path.error == pytest.approx(error)
+def test_an_exposure_beside_others_may_turn_the_more_the_farther_it_is_from_their_middle(exposed):
+    places = (None, np.zeros(3), np.array([0.4, 0, 0]))
+    alone, inmost, aside = (standard_errors(exposed, known(centre=centre)) for centre in places)
+    assert np.allclose(inmost.rotations, alone.rotations)
+    assert np.allclose(inmost.positions, alone.positions)
+    assert (aside.rotations > 2 * alone.rotations).all()
+    assert (aside.positions > alone.positions).all()
+    assert np.array_equal(aside.depth, alone.depth)
+    given = [standard_errors(exposed, known(given=(1e-5, 1e-6), centre=centre)).positions for centre in places[1:]]
+    assert np.array_equal(*given)
 
 
-def test_a_fit_in_the_other_order_is_kept_in_the_unit_of_the_first(exposed):
-    depth, poses = exposed.light.surface().numpy(), exposed.world_to_camera
-    others = [(discs((2.1, 3.1)), poses), (discs((6.0, 4.0)), poses)]
-    found = in_other_order(depth, 3, exposed.renderer, others)
-    assert found is not None
-    assert np.median(found[3][:, :12]) == pytest.approx(1.5 * np.median(found[3][:, 20:]), rel=0.05)
-    assert np.median(found[3]) == pytest.approx(np.median(depth[3]), rel=0.05)
-    assert in_other_order(depth, 3, exposed.renderer, others[:1]) is None
-    assert in_other_order(np.zeros_like(depth), 3, exposed.renderer, others) is None
+def test_tracks_tell_how_sure_depths_are(exposed):
+    there = np.zeros((4, 6, 2)) + np.linspace(-0.1, 0.1, 4)[:, None, None]
+    found = standard_errors(exposed, known(followed=there))
+    assert not np.array_equal(found.depth, standard_errors(exposed, known()).depth)

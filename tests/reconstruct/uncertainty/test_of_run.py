@@ -2,22 +2,49 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from gs2ci.core.cameras import path_extent
 from gs2ci.reconstruct.uncertainty import of_run
+from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
+
+
+def known(given=False, expected=None, poses=None, others=None, centre=None):
+    poses = path(6) if poses is None else poses
+    geometry = SimpleNamespace(
+        has_path=True,
+        known_at_rest=False,
+        pose_errors=SimpleNamespace(position=0.01, rotation=0.001) if given else None,
+        unit=2.0,
+        reference=3,
+        path_error_expected=expected,
+        followed=np.zeros((1, 6, 2)),
+    )
+    ensemble = SimpleNamespace(best=SimpleNamespace(world_to_camera=poses))
+    found = of_run._path(geometry, ensemble, others, centre)
+    assert found.followed is geometry.followed
+    assert found.centre is centre
+    return found
 
 
 @pytest.mark.parametrize("given", [True, False])
 def test_other_exposures_tell_of_depths_along_given_poses_alone(given):
-    errors = SimpleNamespace(position=0.01, rotation=0.001) if given else None
-    geometry = SimpleNamespace(
-        has_path=True, known_at_rest=False, pose_errors=errors, unit=2.0, reference=3, path_error_expected=None
-    )
-    poses, others = path(6), path(2, (4.0, 0, 0))
-    found = of_run._path(geometry, SimpleNamespace(best=SimpleNamespace(world_to_camera=poses)), others)
-    assert found is not None
+    others = path(2, (4.0, 0, 0))
+    found = known(given, others=others, centre=np.zeros(3))
     assert found.others is (others if given else None)
     assert found.given == ((0.02, 0.001) if given else None)
-    assert found.extent == pytest.approx(4.0 if given else path_extent(poses))
+    assert found.error == pytest.approx(0.02 / 4.0 if given else factors.path_not_judged)
+
+
+@pytest.mark.parametrize(
+    ("asked", "error"),
+    [
+        ({"expected": 0.05}, 0.05),
+        ({}, factors.path_not_judged),
+        ({"given": True}, 0.1),
+        ({"given": True, "expected": 0.05, "poses": path(6, (0, 0, 0))}, 0.05),
+    ],
+)
+def test_the_error_of_a_path_is_that_of_who_judged_it(asked, error):
+    assert known(**asked).error == pytest.approx(error)

@@ -86,7 +86,7 @@ def test_one_view_alone_has_standard_errors(measured):
 def test_views_that_explain_every_reading_are_stated_as_exact(measured):
     holdout, views, true = measured()
     coded = holdout.coded(true)
-    exact = replace(views, delivered=true, scene=true, decoded=true)
+    exact = replace(views, delivered=true, scene=true)
     shot = replace(holdout.shot, measurement=coded)
     assert not errors_of_views(Holdout(shot, holdout.pixels), exact, APART).any()
 
