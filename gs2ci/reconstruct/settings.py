@@ -47,7 +47,7 @@ class Settings(Bounded):
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits there are at least; the views are their mean (`fit/combining/ensemble.py`). Fits
-            along each of two doubtful paths, and those of both orders of depth, count among them.
+            along each of two doubtful paths count among them.
         second_density: The density rule of every second of them; None: that of the first.
         fine: Of the stage after the coarse ones, the paper's fine stage; None skips it.
         fine_if_asked: Its settings if a user requests it and `fine` is None; None: its defaults.
