@@ -15,6 +15,7 @@
       depth_spread.npy      the same shape: spread along the ray of where the light is absorbed, as a share of depth
       depth_confidence.npy  the same shape: the share of a pixel's light that is absorbed within 5 % of its depth
       depth_error.npy  standard error of depth, in its unit, [N, H, W] float32; absent without a path, or if things move
+      depth_other.npy  depth with near and far exchanged, not fitted, where the report says that their order is open
       views_error.npy  standard error of the views' values, full scale 1, [N, H, W] float32
       disagreement.npy  [N, H, W] float32, full scale 1: difference between the fits; absent if there was one
       scene.ply      the Gaussians, 3DGS convention; if they move, at the middle of the exposure; with the standard
@@ -42,6 +43,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code
 from gs2ci.core.json_text import as_json
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
@@ -56,7 +58,7 @@ from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.points import Cameras, of_one_moment, points_of, write_points
 from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, Report
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.evaluate.sureness import errors_of_centres, write_errors
+from gs2ci.evaluate.sureness import DEPTH_OTHER, errors_of_centres, in_other_order, write_errors
 from gs2ci.evaluate.whole_folder import REPORT_NAME, view_names, whole_folder, write_pictures
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_from
@@ -98,6 +100,8 @@ def write_run(
     with whole_folder(folder, overwrite=overwrite) as partial:
         report = build_report(shot, result)
         _write_images(partial, result)
+        if result.depth is not None and report.found(Code.DEPTH_ORDER_OPEN):
+            np.save(partial / DEPTH_OTHER, in_other_order(result.depth))
         _write_scene(partial, result, report, scene)
         _write_motion(partial, result, scene)
         if moments is not None:

@@ -20,6 +20,9 @@ from gs2ci.render.gaussians import Gaussians
 
 VIEWS_ERROR: Final = "views_error.npy"
 DEPTH_ERROR: Final = "depth_error.npy"
+DEPTH_OTHER: Final = "depth_other.npy"
+_FAR_OUT: Final = 0.005
+"""Share of the depths at either end that do not tell where a scene's nearest and farthest surfaces lie."""
 SURE_OF_VIEWS: Final = 0.05
 """A value of a view surer than this, full scale 1, counts as sure: an error of so much (26 dB) shows at a glance."""
 SURE_OF_DEPTH: Final = 0.05
@@ -34,6 +37,25 @@ def write_errors(folder: Path, errors: Uncertainty | None) -> None:
     for name, values in maps.items():
         if values is not None:
             np.save(folder / name, values.astype(np.float32, copy=False))
+
+
+def in_other_order(depth: F32) -> F32:
+    """Return depth with near and far exchanged, as a camera on the opposite path would see the same displacements.
+
+    Displacements of a small motion are focal length times travel over depth, and what a turn adds to all pixels alike.
+    With the travel reversed, inverse depths d become c - d, with any c (the turn makes up for it): here, that which
+    keeps the range of depths. Nothing is fitted; views do not tell the two apart where the order is open.
+
+    Args:
+        depth: [N, H, W], along the optical axis; 0 where there is none.
+    """
+    there = depth > 0
+    if not there.any():
+        return np.zeros_like(depth)
+    far, near = np.quantile(1 / depth[there].astype(np.float64), (_FAR_OUT, 1 - _FAR_OUT))
+    inverse = np.clip(1 / np.where(there, depth, 1).astype(np.float64), far, near)
+    exchanged: F32 = np.where(there, 1 / (near + far - inverse), 0).astype(np.float32)
+    return exchanged
 
 
 def errors_of_centres(scene: Gaussians, result: RunResult) -> F32 | None:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.report import SurenessSection, read_report
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.evaluate.sureness import errors_at, errors_of_centres, figures_of_errors
+from gs2ci.evaluate.sureness import DEPTH_OTHER, errors_at, errors_of_centres, figures_of_errors, in_other_order
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.render.ply import read_ply_scene
 
@@ -77,3 +78,30 @@ def test_the_scene_file_has_them_as_a_property_that_readers_may_ignore(make_run,
     back = read_ply_scene(path)
     np.testing.assert_array_equal(back.standard_errors, errors_of_centres(scene, result))
     torch.testing.assert_close(back.gaussians.means, scene.means, rtol=0, atol=0)
+
+
+def test_depth_in_the_other_order_gives_the_same_displacements_to_the_opposite_travel():
+    depth = np.linspace(2, 10, 480, dtype=np.float32).reshape(1, 20, 24)
+    other = in_other_order(depth)
+    ends = np.quantile(1 / depth, (0.005, 0.995))
+    within = (1 / depth >= ends[0]) & (1 / depth <= ends[1])
+    # Displacements of opposite travels, each 1 / depth times a constant, differ by what a turn adds: a constant.
+    assert np.ptp((1 / depth + 1 / other)[within]) == pytest.approx(0, abs=1e-6)
+    assert other.min() == pytest.approx(1 / ends[1], rel=1e-5)
+    assert other.max() == pytest.approx(1 / ends[0], rel=1e-5)
+    assert in_other_order(other)[within] == pytest.approx(depth[within], rel=0.01)
+
+
+def test_depth_that_is_nowhere_or_everywhere_the_same_has_no_other_order():
+    assert not in_other_order(np.zeros((1, 2, 3), np.float32)).any()
+    even = np.array([[[5.0, 0.0, 5.0]]], np.float32)
+    assert in_other_order(even).tolist() == even.tolist()
+
+
+def test_a_run_whose_order_is_open_holds_the_depth_of_the_other_one(make_run, scene, tmp_path):
+    shot, result = make_run()
+    assert not (write_run(tmp_path / "settled", shot, result, scene) / DEPTH_OTHER).exists()
+    doubted = replace(result, notes=(finding(Code.DEPTH_ORDER_OPEN, errors=0.3),))
+    folder = write_run(tmp_path / "open", shot, doubted, scene)
+    assert np.array_equal(np.load(folder / DEPTH_OTHER), in_other_order(result.depth))
+    assert f"{DEPTH_OTHER} has depth with near and far exchanged" in (folder / "report.html").read_text()

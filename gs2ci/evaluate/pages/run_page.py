@@ -26,7 +26,7 @@ from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.summary import summary_rows
-from gs2ci.evaluate.sureness import SURE_OF_DEPTH, SURE_OF_VIEWS
+from gs2ci.evaluate.sureness import DEPTH_OTHER, SURE_OF_DEPTH, SURE_OF_VIEWS
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 from gs2ci.render.gaussians import Gaussians
@@ -276,7 +276,8 @@ def _sureness_lead(report: Report) -> str:
         return lead
     return (
         f"{lead} The order of near and far is open, and with it depth and path are one of two: their errors are not "
-        f"normally distributed, and the standard errors hold only if the order is the one taken."
+        f"normally distributed, and the standard errors hold only if the order is the one taken. "
+        f"{DEPTH_OTHER} has depth with near and far exchanged."
     )
 
 
