@@ -34,6 +34,7 @@ NOT_RUN = {
     ): "tests/api/test_python_use.py makes these calls on a small shot",
     ("docs/python.md", "# shapes [H, W, C]"): "the same, with arrays",
     ("docs/python.md", "with gs2ci.open_rig("): "the same, on a simulated bench",
+    ("docs/how-to.md", "from dataclasses import replace"): "tests/test_how_to.py runs it on a measurement and a log",
     ("docs/bluesky.md", "from bluesky import"): "tests/api/test_ophyd.py makes these calls on a simulated bench",
     ("docs/many.md", "from dask_jobqueue"): "needs Slurm; its syntax is checked",
 }

@@ -220,9 +220,10 @@ def test_pure_rotation():
     assert rms(result.views - views) < 0.15
 
 
-@pytest.mark.parametrize("size", [(16, 16), (3, 40), (1, 1)])
-def test_tiny_images(size):
-    recover(expose(wall(4, size)), "tracked")
+# In 256 pixels features of a longer decode may join the views by chance: the path is said to be uncertain then.
+@pytest.mark.parametrize(("size", "said"), [((16, 16), "Do not rely on"), ((3, 40), "tracked"), ((1, 1), "tracked")])
+def test_tiny_images(size, said):
+    recover(expose(wall(4, size)), said)
 
 
 def test_one_view():
