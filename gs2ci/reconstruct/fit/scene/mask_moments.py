@@ -66,7 +66,7 @@ class MaskMomentSettings(Bounded):
     """
 
     within_mask: WithinMask | None = None
-    tolerance: Annotated[float, Field(gt=0)] = 0.02
+    tolerance: Annotated[float, Field(gt=0)] = 0.01
     most: PositiveInt = 8
 
     def of(self, shot: Shot) -> "MaskMomentSettings":
