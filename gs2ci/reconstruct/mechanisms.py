@@ -135,6 +135,12 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "steps",
     ),
     Mechanism(
+        "margin",
+        "the scene is continued beyond the borders of all views",
+        lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
+        "surfaces",
+    ),
+    Mechanism(
         "steps in the reference view",
         "positions step in pixels of the reference view",
         lambda settings: replace(settings, fit=_steps_in_scene(settings.fit)),

@@ -34,7 +34,7 @@ def test_what_has_no_setting_of_its_own_is_a_mechanism():
 
 
 def test_switches_of_surfaces_leave_settings_without_surfaces_alone():
-    for name in ("depth field",):
+    for name in ("depth field", "margin"):
         assert mechanism(name).without(preset("paper")).fit.surfaces is None
 
 

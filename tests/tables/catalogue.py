@@ -313,7 +313,7 @@ TABLES: Final[dict[TableName, Table]] = {
     "mechanisms": Table(
         "Mechanisms",
         "The default, and the default without one mechanism at a time, on measurements that no mechanism was made on. "
-        "Lines in one fit (`one fit, no depth field`) are made only if `--lines` names them.",
+        "Lines in one fit (`one fit, no margin`) are made only if `--lines` names them.",
         _mechanisms,
         MECHANISM,
         mechanism_cases,

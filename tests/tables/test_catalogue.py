@@ -55,11 +55,11 @@ def test_every_table_can_be_asked_for_by_its_name():
 
 
 def test_a_mechanism_is_always_compared_with_the_default():
-    entries = TABLES["mechanisms"].entries(TableOptions(CASES[:1], seeds=1, lines=("no depth field",)))
-    assert [entry.line for entry in entries] == ["default", "no depth field"]
-    entries = TABLES["mechanisms"].entries(TableOptions(CASES[:1], seeds=1, lines=("one fit, no depth field",)))
-    assert [entry.line for entry in entries] == ["one fit", "one fit, no depth field"]
-    assert settings_of("one fit, no depth field", 0) == replace(settings_of("no depth field", 0), fits=1)
+    entries = TABLES["mechanisms"].entries(TableOptions(CASES[:1], seeds=1, lines=("no margin",)))
+    assert [entry.line for entry in entries] == ["default", "no margin"]
+    entries = TABLES["mechanisms"].entries(TableOptions(CASES[:1], seeds=1, lines=("one fit, no margin",)))
+    assert [entry.line for entry in entries] == ["one fit", "one fit, no margin"]
+    assert settings_of("one fit, no margin", 0) == replace(settings_of("no margin", 0), fits=1)
     assert len({entry.cell.arguments["seed"] for entry in entries}) == 1
 
 

@@ -70,9 +70,9 @@ def test_mechanisms_have_a_page_of_what_leaving_them_out_costs(quick, tmp_path, 
         return [TableEntry("boxes", line, Cell(dict, {"psnr_db": db, "seed": 0})) for line, db in rows.items()]
 
     monkeypatch.setitem(tables.TABLES, "mechanisms", replace(tables.TABLES["mechanisms"], entries=entries))
-    pages = bench.run("ablation", tmp_path, mechanisms=True, only=("depth field",), seeds=1)
+    pages = bench.run("ablation", tmp_path, mechanisms=True, only=("margin",), seeds=1)
     assert pages[-1].name == "mechanisms-costs.md"
-    assert "| depth field | steps | 1 | +1.00 |" in pages[-1].read_text()
+    assert "| margin | surfaces | 1 | +1.00 |" in pages[-1].read_text()
 
 
 def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):
@@ -85,7 +85,7 @@ def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):
     [
         ({"table": "none"}, "table 'none'"),
         ({"table": "seeds", "mechanisms": True}, "mechanisms left out in the table seeds"),
-        ({"table": "ablation", "only": ("depth field",)}, "ablation --mechanisms"),
+        ({"table": "ablation", "only": ("margin",)}, "ablation --mechanisms"),
         ({"table": "ablation", "mechanisms": True, "only": ("luck",)}, "mechanism 'luck'"),
         ({"table": "seeds", "seeds": 0}, "--seeds 0"),
         ({"table": "seeds", "processes": -1}, "--processes -1"),

@@ -18,7 +18,7 @@ GOOD = {
     "failure": "",
     "codes": ["smeared"],
 }
-LINE = "no depth field"
+LINE = "no margin"
 
 
 def costs_of(*pairs, line=LINE):
@@ -76,10 +76,10 @@ def test_a_real_exposure_is_judged_by_what_it_leaves(tmp_path):
     assert (cost.heldout, cost.verdict, dict(cost.db)) == (1.5, True, {})
     page = write_paired(tmp_path, [found], "the command").read_text()
     assert page == paired_markdown([found], "the command")
-    assert "| depth field | steps | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
+    assert "| margin | surfaces | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
 
 
 def test_a_line_in_one_fit_is_compared_with_one_fit():
-    found = costs_of((GOOD, GOOD | {"psnr_db": 29.0}), line="one fit, no depth field")
+    found = costs_of((GOOD, GOOD | {"psnr_db": 29.0}), line="one fit, no margin")
     assert found.mean_db("psnr_db") == 1.0
-    assert "| depth field, in one fit | steps | 1 | +1.00 |" in paired_markdown([found], "the command")
+    assert "| margin, in one fit | surfaces | 1 | +1.00 |" in paired_markdown([found], "the command")

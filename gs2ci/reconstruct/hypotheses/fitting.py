@@ -227,6 +227,7 @@ class Fits:
             seed=member.seed,
             monitoring=self._monitoring(progress),
             pace=pace,
+            outside=member.outside,
         )
 
     def _monitoring(self, progress: Progress) -> Monitoring:

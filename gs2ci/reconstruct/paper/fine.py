@@ -317,6 +317,7 @@ class _Fit:
         self.optimiser = GaussianOptimiser(
             coarse.scene, settings.steps, length_of(settings.steps.unit, coarse.world_to_camera)
         )
+        self._outside = coarse.outside
         self._renderer = renderer
         self._reuse = renderer.reuse()  # this stage neither adds nor removes Gaussians
         self._pseudo_loss = pseudo_loss
@@ -372,6 +373,8 @@ class _Fit:
                 break
             # Steps grow from small to full: Adam's first ones would be of full size whatever the gradient.
             warm = min(1.0, iteration / settings.hold_out.look_every)
+            if self._outside is not None:  # those beyond the borders of all views stay as they are
+                self.optimiser.hold(self._outside)
             self.optimiser.step(iteration / settings.iterations, settings.damping * warm)
             halted = monitoring.halt.asked
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:

@@ -21,6 +21,7 @@ from gs2ci.reconstruct.paper.fine import Fine, FineSettings, Pseudo, PseudoLoss,
 from gs2ci.reconstruct.paper.perceptual import StructuralDissimilarity
 from gs2ci.reconstruct.paper.pseudo_views import support_weights
 from gs2ci.render.cpu.backend import CpuBackend
+from gs2ci.render.gaussians import joined
 from gs2ci.render.settings import RasterSettings
 from tests.reconstruct.fit.plane_fits import fit_coarse
 
@@ -213,6 +214,21 @@ def test_the_terms_of_the_coarse_stage_stay(coarse):
     smaller = run(coarse, None, replace(QUICK, gated=False), loss=LossWeights(size=10.0)).scene
     assert fainter.opacity_logits.mean() < usual.opacity_logits.mean() - 0.1
     assert smaller.log_scales.mean() < usual.log_scales.mean() - 0.01
+
+
+def test_gaussians_beyond_the_borders_of_all_views_stay_as_they_are(coarse):
+    """No reading tells of them: the terms on opacity and size would make them fade and shrink."""
+    _, before, _ = coarse
+    scene = before.scene
+    added = replace(scene.map(lambda tensor: tensor[:5].clone()), means=scene.means[:5] + torch.tensor([30.0, 0, 0]))
+    outside = torch.arange(len(scene) + 5) >= len(scene)
+    loss = LossWeights(opacity=1.0, size=1.0)
+    fit = replace(before, scene=joined([scene, added]), outside=outside)
+    after = run(coarse, Prior(), replace(QUICK, gated=False), fit=fit, loss=loss)
+    for name, held in added.parameters().items():
+        assert torch.equal(after.scene.parameters()[name][outside], held), name
+    assert not torch.equal(after.scene.opacity_logits[~outside], scene.opacity_logits)
+    assert torch.equal(after.outside, outside)
 
 
 def test_one_camera_has_nothing_beside_its_path(coarse):

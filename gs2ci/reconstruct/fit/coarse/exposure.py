@@ -110,8 +110,10 @@ class ExposureState:
         exposure = self.exposure
         return LookedAt(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
 
-    def find_surfaces(self, scene: Gaussians, settings: CoarseSettings, seed: int, search: Search) -> Surfaces | None:
-        """Search for surfaces in the views as they would be delivered.
+    def find_surfaces(
+        self, scene: Gaussians, settings: CoarseSettings, seed: int, search: Search
+    ) -> tuple[Surfaces | None, dict[int, F32]]:
+        """Search for surfaces in the views as they would be delivered; also return those views that show some.
 
         With their residual added, since depth swept in these is nearer the truth than that of the scene that they were
         rendered from (docs/decisions/surfaces.md).
@@ -122,7 +124,8 @@ class ExposureState:
         if added is not None:
             views += added
         del added  # as large as the views, and the search takes much itself
-        return find_surfaces(self.renderer, scene, poses, views, settings.surfaces, seed, search)
+        found = find_surfaces(self.renderer, scene, poses, views, settings.surfaces, seed, search)
+        return found, {} if found is None else {view: views[view].copy() for view in found.views}
 
 
 def _where_scenes_lie(term: DataTerm, device: torch.device) -> Term:

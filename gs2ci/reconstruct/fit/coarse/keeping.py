@@ -10,6 +10,7 @@ from typing import Protocol
 
 from torch import Tensor
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Finding
 from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
@@ -28,6 +29,7 @@ class Snapshot:
         twists: Of each exposure.
         iteration: When it was.
         surfaces: Those of each exposure, on the disk the number of the search that found them; None: there are none.
+        outside: Which Gaussians lie beyond the borders of all views.
         searches: Those that were still to come.
     """
 
@@ -35,6 +37,7 @@ class Snapshot:
     twists: tuple[Tensor, ...]
     iteration: int
     surfaces: tuple[Surfaces | int | None, ...]
+    outside: Tensor | None
     searches: tuple[Search, ...]
 
 
@@ -99,10 +102,12 @@ class KeptSearch:
     Args:
         at: The iteration and the rollbacks before the search.
         surfaces: Without prepared masks; None: nothing was found.
+        shown: The views in which they were found, by number.
     """
 
     at: tuple[int, int]
     surfaces: Surfaces | None
+    shown: dict[int, F32]
 
 
 class Keeper(Protocol):

@@ -41,6 +41,7 @@ class CoarseFit:
         stopped: Why it ended.
         notes: Other findings: each time that the fit diverged and was set back.
         intrinsics: The camera matrix of the fit, [3, 3].
+        outside: Which Gaussians continue the scene beyond the borders of all views, [G] bool; None: none.
         beside: Whether its views only count in the mean with others, because its path or order of depth is another.
     """
 
@@ -51,6 +52,7 @@ class CoarseFit:
     stopped: Finding
     notes: tuple[Finding, ...]
     intrinsics: F64
+    outside: Tensor | None = None
     beside: bool = False
 
 
@@ -76,6 +78,7 @@ class CoarseRun:
         seed: For the density rule's draws.
         monitoring: What is called at looks and iterations, and what may interrupt.
         pace: Decides how many iterations there are, instead of the settings.
+        outside: Which initial Gaussians lie beyond the borders of all views, in a fit that another has begun, [G] bool.
         keeper: Keeps the fit of several exposures, and may have kept it before: then this one goes on from there.
 
     Attributes:
@@ -93,11 +96,12 @@ class CoarseRun:
         seed: int,
         monitoring: Monitoring,
         pace: Pace | None = None,
+        outside: Tensor | None = None,
         keeper: Keeper | None = None,
     ) -> None:
         settings.check()
         self.iterations = 0
-        self._fit = FitState(exposures, start, settings, seed)
+        self._fit = FitState(exposures, start, settings, seed, outside)
         self._settings = settings
         self._looks = Looks(monitoring.since_s)
         self._progress, self._halt = monitoring.progress, monitoring.halt
@@ -205,6 +209,7 @@ class CoarseRun:
                 stopped=self._stopped,
                 notes=tuple(self._notes),
                 intrinsics=np.eye(3),
+                outside=best.outside,
             )
         return self._end
 
@@ -247,6 +252,8 @@ class CoarseRun:
             # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
             # one may predict the held-out pixels as well, but its depth is worse.
             self._watch.begin_again(iteration)
+            # A margin beyond the borders may be new, and raise the loss as newcomers of the density rule do.
+            self._least_loss = float("inf")
         loss = self._fit.backward(iteration / total, iteration)
         ran_away = self._how_it_ran_away(iteration, loss)
         if ran_away is not None:

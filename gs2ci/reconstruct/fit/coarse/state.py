@@ -23,6 +23,7 @@ from gs2ci.reconstruct.fit.coarse.exposure import ExposureState, FittedExposure
 from gs2ci.reconstruct.fit.coarse.keeping import Keeper, KeptSearch, KeptState, Snapshot, kept_scene, scene_again
 from gs2ci.reconstruct.fit.coarse.looks import LookedAt
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.density.base import change_among
 from gs2ci.reconstruct.fit.density.gathering import Gathering
 from gs2ci.reconstruct.fit.losses.objective import add_regularisers
 from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
@@ -31,9 +32,10 @@ from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.scene.start import raster_order
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
+from gs2ci.reconstruct.fit.surfaces.margin import MarginSource, margin
 from gs2ci.reconstruct.fit.surfaces.surfaces import Surfaces, pixel_rays
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, joined
 from gs2ci.render.screen import ScreenStatistics
 
 _ORDER_STREAM: Final = 0xE0  # makes the order of exposures independent of all other draws of the same seed
@@ -47,6 +49,7 @@ class FitState:
         start: Initial Gaussians.
         settings: The schedule.
         seed: For the density rule's draws, and for the order of exposures.
+        outside: Which initial Gaussians lie beyond the borders of all views, [G] bool; None: none.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class FitState:
         start: Gaussians,
         settings: CoarseSettings,
         seed: int,
+        outside: Tensor | None = None,
     ) -> None:
         first = exposures[0]
         geometry, size, alone = first.geometry, first.holdout.shot.size, len(exposures) == 1
@@ -66,6 +70,7 @@ class FitState:
         # Without parallax, views show no depth.
         moved = settings.surfaces is not None and geometry.has_path
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
+        self._outside = outside
         # Several exposures see depth from places of their own, and none of them may move it for all others.
         field = moved and start.motion is None and alone
         self._depth_field = _depth_field(settings, geometry, first.renderer) if field else None
@@ -182,20 +187,40 @@ class FitState:
         if settings is None or not self.search_is_due(share) or not self.optimiser.scene_is_finite():
             return False
         number, search = len(settings.searches) - len(self._searches), self._searches.pop(0)
-        scene, found_some = self.scene.detach(), False
+        outwards = settings.margin if not self._searches else None
+        scene = self.scene.detach()
+        sources, before = [], 0
         for exposure, one in enumerate(self.exposures):
             kept = None if keeper is None else keeper.kept_search(number, exposure)
             if kept is not None and kept.at == at:
-                found = None if kept.surfaces is None else kept.surfaces.with_masks(one.renderer)
+                found, shown = kept.surfaces, kept.shown
+                found = None if found is None else found.with_masks(one.renderer)
             else:
-                found = one.find_surfaces(scene, self.settings, self._seed + exposure, search)
+                found, shown = one.find_surfaces(scene, self.settings, self._seed + exposure, search)
                 if keeper is not None:
-                    keeper.keep_search(
-                        number, exposure, KeptSearch(at, None if found is None else found.without_masks())
-                    )
+                    bare = None if found is None else found.without_masks()
+                    keeper.keep_search(number, exposure, KeptSearch(at, bare, shown))
             if found is not None:
-                one.surfaces, found_some = found, True
-        return found_some
+                one.surfaces = found
+                numbers = tuple(before + view for view in found.views)
+                shown = {before + view: seen for view, seen in shown.items()} if outwards is not None else {}
+                sources.append(MarginSource(numbers, shown, found.inverse_depth))
+            before += len(one.path())
+        if sources and outwards is not None:
+            path = np.concatenate([one.path() for one in self.exposures])
+            self._continue_outwards(margin(self.exposures[0].renderer, scene, path, _joined(sources), outwards))
+        return bool(sources)
+
+    def _continue_outwards(self, added: Gaussians | None) -> None:
+        """Add the Gaussians that continue the scene beyond the borders of all views, if there are any."""
+        if added is None:
+            return
+        scene, added = self.scene.detach(), self._there(added)
+        present = torch.arange(len(scene))
+        new = torch.full((len(added),), -1, dtype=torch.int64)
+        self.optimiser.replace(joined([scene, added]), torch.cat([present, new]))
+        self._outside = torch.cat([present < 0, new < 0])
+        self._meet_others()
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""
@@ -204,6 +229,8 @@ class FitState:
     def step(self, share: float, damping: float) -> None:
         """Step the parameters by their gradients, and let the density rule shake the Gaussians."""
         current = self._current
+        if self._outside is not None:
+            self.optimiser.hold(self._outside)
         self.optimiser.step(share, damping)
         current.poses.step(share, damping)
         if self._field_step is not None:
@@ -224,6 +251,9 @@ class FitState:
     def densify(self, iteration: int) -> bool:
         """Apply the density rule; return whether it set the fit back on purpose, as a reset does.
 
+        The rule passes over the Gaussians beyond the borders of all views: no pixel tells anything about them, and
+        copies of them would be free to fade.
+
         Raises:
             ResourceError: The rule wants more Gaussians than the memory guard allows.
         """
@@ -232,12 +262,16 @@ class FitState:
             here, paths, self._dissimilarities, extent=self.extent, cap=self.cap, iteration=iteration
         )
         # Rules draw, and decide, on the host.
-        change = self.settings.density.change(here.detach().map(Tensor.cpu), evidence, self.generator)
+        scene = here.map(Tensor.cpu)
+        inside = torch.ones(len(scene), dtype=torch.bool) if self._outside is None else ~self._outside
+        change = change_among(self.settings.density, inside, scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
         middle = paths[0][len(paths[0]) // 2].detach()
         order = raster_order(change.scene.means.detach(), middle, self.exposures[0].renderer.intrinsics)
-        scene = self._there(change.scene.map(lambda rows: rows[order]))
-        self.optimiser.replace(scene, change.source[order], change.forget)
+        source = change.source[order]
+        self.optimiser.replace(self._there(change.scene.map(lambda rows: rows[order])), source, change.forget)
+        if self._outside is not None:
+            self._outside = (source >= 0) & self._outside[source]
         self._meet_others()
         return bool(change.forget)
 
@@ -255,7 +289,7 @@ class FitState:
         copy = self.scene.map(lambda tensor: tensor.detach().clone())
         twists = tuple(one.poses.snapshot() for one in self.exposures)
         surfaces = tuple(one.surfaces for one in self.exposures)
-        return Snapshot(copy, twists, iteration, surfaces, tuple(self._searches))
+        return Snapshot(copy, twists, iteration, surfaces, self._outside, tuple(self._searches))
 
     def kept(self, state: Snapshot) -> Snapshot:
         """Return a state for the disk."""
@@ -303,6 +337,7 @@ class FitState:
         # One gradient of a state that ran away would leave squares that shorten their steps for hundreds of iterations.
         if self._depth_field is not None:
             self._depth_field.forget()
+        self._outside = state.outside
         self._searches = list(state.searches)
         self._meet_others()
 
@@ -330,6 +365,13 @@ def _reference_view(geometry: Geometry, paths: Sequence[F64]) -> ReferenceView |
     pose = geometry.world_to_camera[geometry.reference]
     length = float(np.median([path_length(path) for path in paths]))
     return ReferenceView(pose, float(geometry.intrinsics[0, 0]), length)
+
+
+def _joined(sources: Sequence[MarginSource]) -> MarginSource:
+    """Return what views of several exposures show, numbered through all of them."""
+    numbers = tuple(number for one in sources for number in one.numbers)
+    shown = {number: view for one in sources for number, view in one.views.items()}
+    return MarginSource(numbers, shown, np.concatenate([one.inverse_depth for one in sources]))
 
 
 def _guard_memory(count: int, most: int | None, iteration: int) -> None:

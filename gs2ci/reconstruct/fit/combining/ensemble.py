@@ -55,11 +55,13 @@ class Member:
         start: First Gaussians.
         density: Its density rule.
         seed: Of its random draws.
+        outside: Which first Gaussians lie beyond the borders of all views, if another fit left them, [G] bool.
     """
 
     start: Gaussians
     density: DensityRule
     seed: int
+    outside: torch.Tensor | None = None
 
 
 def member_seed(seed: int, number: int) -> int:

@@ -8,7 +8,7 @@ share (`classic.py`).
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol, runtime_checkable
 
 import torch
@@ -43,6 +43,16 @@ class GaussianStatistics:
     extent: float
     cap: int
     iteration: int
+
+    def among(self, rows: Tensor) -> "GaussianStatistics":
+        """Return the statistics of some of the Gaussians, [G] bool; the others count towards the cap."""
+        return replace(
+            self,
+            screen_gradient=self.screen_gradient[rows],
+            screen_radius=self.screen_radius[rows],
+            blended_error=lambda: self.blended_error()[rows],
+            cap=self.cap - int((~rows).sum()),
+        )
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,22 @@ class DensityRule(Protocol):
             rate: The means' present step size, in scene units.
             generator: For draws.
         """
+
+
+def change_among(
+    rule: DensityRule, rows: Tensor, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator
+) -> PopulationChange:
+    """Apply a rule to some of the Gaussians, [G] bool, as if there were no others; the others stay as they are.
+
+    Returns:
+        Those that the rule returns, then the others.
+    """
+    present = scene.detach()
+    inside, others = torch.nonzero(rows).flatten(), torch.nonzero(~rows).flatten()
+    change = rule.change(present.map(lambda tensor: tensor[inside]), evidence.among(rows), generator)
+    source = torch.where(change.source < 0, -1, inside[change.source])
+    whole = joined([change.scene, present.map(lambda tensor: tensor[others])])
+    return PopulationChange(whole, torch.cat([source, others]), change.forget)
 
 
 def grow(

@@ -158,6 +158,12 @@ class GaussianOptimiser:
                 self._adam[name].step(tensor, self._rate(name, progress) * damping)
         self.forget_gradient()
 
+    def hold(self, rows: Tensor) -> None:
+        """Discard the gradients of some Gaussians, [G] bool, so that the next step changes only the others."""
+        for tensor in self.scene.parameters().values():
+            if tensor.grad is not None:
+                tensor.grad[rows.to(tensor.device)] = 0
+
     def forget_gradient(self) -> None:
         """Discard the gradients."""
         for tensor in self.scene.parameters().values():

@@ -5,7 +5,7 @@ in memory, they are still in the cache. First Gaussians are made in this order, 
 the end, so they are sorted again.
 
 Here: sizes, opacities and orientations, how round Gaussians are made, and the order. Not here: their positions
-(`geometry.points`), the cells
+(`geometry.points`), those beyond the borders of all views (`surfaces/margin.py`), the cells
 (`gs2ci.render.cpu.layout`), when Gaussians are sorted (`coarse/state.py`).
 """
 

@@ -34,6 +34,7 @@ from gs2ci.reconstruct.fit.kernels.surface_kernels import (
 )
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, FieldStep
+from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -83,6 +84,7 @@ class SurfaceSettings(Bounded):
         pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
         depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
+        margin: How the scene is continued beyond the borders of all views after the last search; None: not.
     """
 
     searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3))
@@ -92,6 +94,7 @@ class SurfaceSettings(Bounded):
     pixel_share: Annotated[float, Field(gt=0, le=1)] = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
     depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
+    margin: MarginSettings | None = field(default_factory=MarginSettings)
 
     def check(self) -> Self:
         """Return self if the numbers make sense.

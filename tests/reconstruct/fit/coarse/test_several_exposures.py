@@ -134,7 +134,7 @@ def test_paths_that_are_tied_a_bit_wrong_come_to_lie_where_they_belong(exposures
 
 def test_each_exposure_has_surfaces_of_its_own_and_all_are_restored(exposures):
     given, _ = exposures
-    surfaces = SurfaceSettings((Search(0.4, 1e-2, 2e-4), Search(0.6, 1e-2, 2e-4)))
+    surfaces = SurfaceSettings((Search(0.4, 1e-2, 2e-4), Search(0.6, 1e-2, 2e-4)), margin=None)
     fit = fitted(given, replace(QUICK, surfaces=surfaces))
     fit.advance()
     state: FitState = fit._fit

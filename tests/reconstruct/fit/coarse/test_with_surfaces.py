@@ -78,7 +78,7 @@ def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane
 
 
 def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, monkeypatch):
-    given = SurfaceSettings((Search(0.3, 1e-2, 1e-2), Search(0.6, 3e-2, 1e-3)))
+    given = SurfaceSettings((Search(0.3, 1e-2, 1e-2), Search(0.6, 3e-2, 1e-3)), margin=None)
     once = replace(given, searches=given.searches[:1])
     found, _ = run(moving_plane, replace(QUICK, surfaces=once))
 

@@ -3,7 +3,10 @@ import math
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.density.base import SPLIT_SHRINK, grow
+from gs2ci.reconstruct.fit.density.base import SPLIT_SHRINK, change_among, grow
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.paper.density.mcmc import Mcmc
+from gs2ci.reconstruct.paper.density.revised import Revised
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 
 LOGITS = (-20.0, -6.0, -1.0, 0.0, 1.0, 6.0, 20.0)
@@ -105,3 +108,44 @@ def test_an_empty_scene_stays_empty():
     change = grow(scene_of(()), chosen(0), chosen(0), chosen(0), generator())
     assert len(change.scene) == 0
     assert change.source.dtype == torch.int64
+
+
+RULES = (Osgr.generous(), Mcmc(), Revised())
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.name)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rule_applied_to_some_leaves_the_others_as_they_are(line, evidence, rule, seed):
+    """Though these are the ones that move most, are widest, and have the largest error, or are nearly transparent."""
+    draw = generator(seed)
+    scene = line(40, opacity=torch.rand(40, generator=draw).clamp(0.01, 0.9))
+    rows = torch.rand(40, generator=draw) < 0.7
+    others = torch.nonzero(~rows).flatten()
+    scene.opacity_logits[others[::2]] = -20.0
+    inside = torch.nonzero(rows).flatten().tolist()
+    scene.opacity_logits[inside[0]] = -20.0
+    ranked = [*inside[::3], *others.tolist()]
+    told = evidence(40, moved=ranked, wide=ranked, wrong=ranked, cap=48)
+    change = change_among(rule, rows, scene, told, generator())
+    assert torch.equal(change.source[-len(others) :], others)
+    assert not torch.isin(change.source[: -len(others)], others).any()
+    alone = scene.map(lambda tensor: tensor[rows])
+    expected = rule.change(alone, told.among(rows), generator())
+    assert (expected.source < 0).any()
+    for name, tensor in change.scene.parameters().items():
+        assert torch.equal(tensor[-len(others) :], scene.parameters()[name][others]), name
+        assert torch.equal(tensor[: -len(others)], expected.scene.parameters()[name]), name
+    kept = expected.source >= 0
+    assert change.source[: -len(others)][kept].tolist() == [inside[k] for k in expected.source[kept]]
+    assert (change.source[: -len(others)][~kept] == -1).all()
+    assert len(change.scene) <= 48
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.name)
+def test_a_rule_applied_to_all_is_the_rule(line, evidence, rule):
+    scene, told = line(20), evidence(20, moved=(3, 4), wide=(7,), wrong=(5,))
+    change = change_among(rule, torch.ones(20, dtype=torch.bool), scene, told, generator())
+    expected = rule.change(scene, told, generator())
+    assert torch.equal(change.source, expected.source)
+    for name, tensor in change.scene.parameters().items():
+        assert torch.equal(tensor, expected.scene.parameters()[name])
