@@ -24,6 +24,8 @@ from gs2ci.core.arrays import F32, F64, I64, Bool
 
 # A series ends where its terms are below this.
 _LEAST_TERM: Final = 1e-17
+# Of larger turns, rad, doublings would leave few digits; only steps that explode make them.
+_MOST_TURNED: Final = 1e6
 _CROSSES: Final = np.cross(np.eye(3), np.eye(3)[:, None])
 """The cross-product matrix of each axis, [3, 3, 3]."""
 
@@ -140,19 +142,30 @@ def _by_poses(poses: F64, by_twists: F64) -> F32:
 
 
 def _series(twists: F64) -> tuple[F64, F64]:
-    """Return the left Jacobian of exp at twists, and the adjoint of exp, [V, 6, 6] each."""
+    """Return the left Jacobian of exp at twists, and the adjoint of exp, [V, 6, 6] each; NaN where a twist is none.
+
+    Of turns beyond a radian, which no fit takes on purpose, those of a small part are doubled until they are whole.
+    """
+    angle = float(np.linalg.norm(twists[:, 3:], axis=1).max())
+    if not np.isfinite(twists).all() or angle > _MOST_TURNED:
+        unknown = np.full((len(twists), 6, 6), np.nan)
+        return unknown, unknown
+    doublings = max(0, math.frexp(angle)[1])
+    twists, angle = twists / 2**doublings, angle / 2**doublings
     commutator = np.zeros((len(twists), 6, 6))
     commutator[:, :3, :3] = commutator[:, 3:, 3:] = np.tensordot(twists[:, 3:], _CROSSES, 1)
     commutator[:, :3, 3:] = np.tensordot(twists[:, :3], _CROSSES, 1)
     power = np.broadcast_to(np.eye(6), commutator.shape)
     jacobian, adjoint = power.copy(), power.copy()
-    angle, largest, k = float(np.linalg.norm(twists[:, 3:], axis=1).max()), 1.0, 0
+    largest, k = 1.0, 0
     while largest > _LEAST_TERM:
         k += 1
         power = power @ commutator / k
         adjoint += power
         jacobian += power / (k + 1)
         largest = max(angle, _LEAST_TERM) ** (k - 1) / math.factorial(k - 1)
+    for _ in range(doublings):
+        jacobian, adjoint = (jacobian + adjoint @ jacobian) / 2, adjoint @ adjoint
     return jacobian, adjoint
 
 

@@ -1,9 +1,12 @@
-"""Poses at moments and their gradient by a call, against the same by torch's graph."""
+"""Poses at moments and their gradient by a call, against the same by torch's graph; motions however large."""
 
+import numpy as np
 import pytest
 import torch
+from scipy.linalg import expm
 
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments
+from gs2ci.reconstruct.fit.scene.rigid import RigidMotions
 from gs2ci.render import se3
 
 
@@ -49,3 +52,24 @@ def test_poses_at_moments_and_their_gradient_are_those_of_the_graph(moments, by)
 def test_a_mask_of_one_moment_keeps_its_pose_to_the_bit():
     path = _turning(3, 0.1)
     assert torch.equal(torch.from_numpy(MaskMoments((1, 2, 1), (0.8,) * 3).along(path).poses[[0, 3]]), path[[0, 2]])
+
+
+def generator(twist):
+    """Return the matrix, [4, 4], of which a rigid motion is the exponential."""
+    x, y, z = twist[3:]
+    return np.array([[0, -z, y, twist[0]], [z, 0, -x, twist[1]], [-y, x, 0, twist[2]], [0, 0, 0, 0]])
+
+
+@pytest.mark.parametrize("by", [1e-9, 0.3, 1.0, 3.0, 40.0, 1e3])
+def test_motions_however_large_are_the_exponentials_of_their_twists(by):
+    # A step of the poses that explodes once is an error of the fit, which goes back, and none of Python.
+    twists = by * np.array([[0.3, -0.5, 0.2, 0.4, 0.1, -0.6], [0.1, 0.2, 0.3, -0.2, 0.5, 0.1]])
+    expected = np.stack([expm(generator(twist)) for twist in twists])
+    found = RigidMotions(twists)
+    assert found.matrices == pytest.approx(expected, rel=1e-9, abs=1e-9 * max(1.0, by))
+    assert found.adjoint[:, 3:, 3:] == pytest.approx(expected[:, :3, :3], abs=1e-9)
+
+
+def test_motions_of_twists_that_are_none_are_not_numbers():
+    for wrong in (np.nan, np.inf, 1e9):
+        assert np.isnan(RigidMotions(np.full((2, 6), wrong)).adjoint).all()
