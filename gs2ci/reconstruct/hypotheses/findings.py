@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, Origin, RaceEvidence, RaceOutcome
+from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound, Origin, RaceEvidence, RaceOutcome
 
 
 def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]:
@@ -15,9 +15,9 @@ def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]
         order: What is known.
         geometry: That of the result.
     """
-    if not geometry.has_path or order.state == DepthOrder.SETTLED:
+    if not geometry.has_path or order.errors is None:
         return ()
-    return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors or 0.0),)
+    return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors),)
 
 
 def joined_findings(geometry: Geometry) -> tuple[Finding, ...]:

@@ -30,7 +30,7 @@ from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
+from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, OrderFound
 from gs2ci.reconstruct.hypotheses.order import in_likelier_order, is_open
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
@@ -113,7 +113,7 @@ class Fits:
         if self.settings.withheld is not None or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
         likelier = in_likelier_order(geometry)
-        return replace(first, geometry=likelier), OrderFound(DepthOrder.OPEN, likelier.order_errors)
+        return replace(first, geometry=likelier), OrderFound(likelier.order_errors)
 
     def timed(self, first: FirstLook) -> Timed:
         """Time a few iterations of a fit from a first look, and a look at the held-out pixels."""

@@ -21,15 +21,6 @@ class Origin(StrEnum):
     MOVING = "moving from the first"
 
 
-class DepthOrder(StrEnum):
-    """What is known of the order of depth, near against far."""
-
-    SETTLED = "settled"
-    """A stage gave it, tracks are sure of it, or there is no depth."""
-    OPEN = "open"
-    """Nothing does; the likelier one is used."""
-
-
 class RaceOutcome(StrEnum):
     """What became of a hypothesis; the values stand in reports."""
 
@@ -43,15 +34,19 @@ class RaceOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class OrderFound:
-    """The order of depth, and how clearly it is preferred.
+    """What is known of the order of depth, near against far.
 
     Args:
-        state: What is known.
-        errors: By how many standard errors the order that is used is preferred.
+        errors: Where nothing settles it: by how many standard errors the likelier one, which is used, is preferred.
+            None: a stage gave it, tracks are sure of it, or there is no depth.
     """
 
-    state: DepthOrder = DepthOrder.SETTLED
     errors: float | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Get whether near and far may be exchanged."""
+        return self.errors is not None
 
 
 @dataclass(frozen=True, eq=False)

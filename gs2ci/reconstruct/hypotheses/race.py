@@ -30,7 +30,6 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
 from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import (
-    DepthOrder,
     Hypothesis,
     OrderFound,
     Origin,
@@ -320,7 +319,7 @@ class Race:
         chosen = leader.hypothesis.origin.value if moves or leader.hypothesis.moves else STILL
         motion = MotionReport(self._settings.motion, asked, tuple(residuals.items()), chosen, moves=moves)
         geometry = leader.geometry
-        if order.state == DepthOrder.OPEN:
+        if order.is_open:
             geometry = replace(geometry, order_errors=order.errors)
         return Raced(first, leader.hypothesis.look, geometry, fits, ensemble, order, motion, self._course())
 

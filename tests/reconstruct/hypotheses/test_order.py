@@ -11,7 +11,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.hypotheses.findings import order_findings
-from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
+from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
 from gs2ci.reconstruct.hypotheses.order import in_likelier_order, is_open
 
 NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
@@ -78,7 +78,7 @@ def test_only_an_estimated_path_whose_tracks_are_not_sure_is_open(found):
 @pytest.mark.parametrize(
     ("order", "code"),
     [
-        (OrderFound(DepthOrder.OPEN, 0.4), Code.DEPTH_ORDER_OPEN),
+        (OrderFound(0.4), Code.DEPTH_ORDER_OPEN),
         (OrderFound(), None),
     ],
 )

@@ -19,7 +19,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses import jury, race
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
-from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, RaceOutcome
+from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound, RaceOutcome
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
@@ -106,7 +106,7 @@ class Fits:
         return tuple(field)
 
     def order_of(self, look):
-        return look, OrderFound(DepthOrder.OPEN, 0.3) if self.leaves.get("opens") else OrderFound()
+        return look, OrderFound(0.3) if self.leaves.get("opens") else OrderFound()
 
     def mean(self, fits):
         self.averaged = fits
@@ -151,7 +151,7 @@ def run(
 
 
 DOUBTFUL, PATHLESS = {"path_error_expected": 0.2}, {"verdict": "rotation_only"}
-OPEN = OrderFound(DepthOrder.OPEN, 0.4)
+OPEN = OrderFound(0.4)
 FIRST, SECOND = "first look", "second look"
 COMPANION, MATCHED = "other density rule", "wide"
 
@@ -213,7 +213,7 @@ def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first
 def test_an_open_order_of_the_one_taken_is_reported(monkeypatch, first, opens):
     first = replace(first, geometry=replace(first.geometry, **PATHLESS))
     raced, _ = run(monkeypatch, first, {FIRST: 0.03, SECOND: 0.02, "opens": opens})
-    assert raced.order == (OrderFound(DepthOrder.OPEN, 0.3) if opens else OrderFound())
+    assert raced.order == (OrderFound(0.3) if opens else OrderFound())
 
 
 @pytest.mark.parametrize(("fits", "made"), [(1, 1), (2, 2), (4, 4)])
