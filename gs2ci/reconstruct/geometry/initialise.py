@@ -22,7 +22,7 @@ from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.path.focal import Focal, FocalSettings, default_focal, estimate_focal
-from gs2ci.reconstruct.geometry.path.halves import expected_path_error, times_better_foretold
+from gs2ci.reconstruct.geometry.path.halves import PathErrors, expected_path_error, times_better_foretold
 from gs2ci.reconstruct.geometry.path.motion import (
     CameraMotion,
     MotionSettings,
@@ -102,6 +102,7 @@ class Geometry:
         source: The geometry prior that it comes from.
         path_error_expected: Expected error of the path, from halves of the tracks (`halves`), as a share of its extent;
             None if the path was given, or there is none.
+        turn_error_expected: The same of its orientations, rad; 0 where the other is None.
         unit: A length of 1 in the unit of the given poses; None if none were given, or they were not used.
         order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
             (`motion.preference`); None without tracks, or if they have no second solution.
@@ -127,6 +128,7 @@ class Geometry:
     notes: tuple[Finding, ...] = ()
     source: str = PathSource.TRACKS
     path_error_expected: float | None = None
+    turn_error_expected: float = 0.0
     unit: float | None = None
     order_errors: float | None = None
     other_order: "OtherOrder | None" = None
@@ -335,7 +337,8 @@ class _Estimation:
         geometry, criteria = found.geometry, self.settings.criteria
         if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
             return False
-        return halves_agree(self.expected_error(found), criteria)
+        expected = self.expected_errors(found)
+        return expected is not None and halves_agree(expected.share, criteria)
 
     def found(self, tracks: Tracks, *, moved: bool) -> _Found:
         """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
@@ -435,12 +438,14 @@ class _Estimation:
 
     def doubted(self, found: _Found) -> Geometry:
         """Return the geometry with the expected error of its path."""
-        error = self.expected_error(found)
-        notes = (*found.geometry.notes, *doubts_about_path(error, self.settings.criteria))
-        return replace(found.geometry, path_error_expected=error, notes=notes)
+        found_of, expected = found.geometry, self.expected_errors(found)
+        if expected is None:
+            return found_of
+        notes = (*found_of.notes, *doubts_about_path(expected.share, self.settings.criteria))
+        return replace(found_of, path_error_expected=expected.share, turn_error_expected=expected.turn, notes=notes)
 
-    def expected_error(self, found: _Found) -> float | None:
-        """Return the expected error of a path; see `halves`."""
+    def expected_errors(self, found: _Found) -> PathErrors | None:
+        """Return the expected errors of a path; see `halves`."""
         return expected_path_error(found.motion, found.tracks, self.flat.intrinsics, self.size, self.settings.motion)
 
     def with_reverse(self, found: _Found) -> Geometry:

@@ -74,6 +74,7 @@ def second_look(
         other_order=None,
         source=before.source,
         path_error_expected=before.path_error_expected,
+        turn_error_expected=before.turn_error_expected,
         notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
     )
     return replace(first, geometry=geometry)

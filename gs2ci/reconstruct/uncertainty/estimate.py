@@ -4,6 +4,7 @@ Here: what is asked of which part. Not here: the parts (`views`, `information`, 
 (`gs2ci.core.uncertainty`), files (`gs2ci.evaluate`). Several exposures of one scene are asked one by one.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,6 +49,7 @@ class PathKnown:
     Args:
         reference: The view whose pose is held.
         error: That is to be expected, as a share of the path's extent.
+        turn: The same of its orientations, rad.
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
@@ -57,6 +59,7 @@ class PathKnown:
 
     reference: int
     error: float
+    turn: float
     given: tuple[float, float] | None
     others: F64 | None = None
     followed: F64 | None = None
@@ -88,8 +91,8 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
-    places = of.world_to_camera, middle_depth(seen)
-    positions, rotations = errors_of_poses(covariance, *places, turn, given=given, centre=path.centre)
+    places = of.world_to_camera, middle_depth(seen), math.hypot(turn, path.turn)
+    positions, rotations = errors_of_poses(covariance, *places, given=given, centre=path.centre)
     place_px = error_of_places(seen, path.reference, path.followed)
     depths = errors_of_depths(seen, place_px, path.error, turn, path.others)
     return Uncertainty(views, depths, positions, rotations)

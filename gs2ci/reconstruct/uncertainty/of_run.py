@@ -65,4 +65,4 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, centre: F6
     error = factors.path_not_judged if geometry.path_error_expected is None else geometry.path_error_expected
     if given is not None and extent > 0:
         error = given[0] / extent
-    return PathKnown(geometry.reference, error, given, others, geometry.followed, centre)
+    return PathKnown(geometry.reference, error, geometry.turn_error_expected, given, others, geometry.followed, centre)

@@ -43,7 +43,7 @@ def errors_of_poses(
         covariance: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
-        turn: That readings do not see (`unseen_turn`), rad.
+        turn: In step with the travel: that readings do not see (`unseen_turn`), and that halves of tracks show, rad.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
         centre: The mean place of the cameras of all exposures that share the scene, [3], whose similarity it then is;
             None: there are no others.

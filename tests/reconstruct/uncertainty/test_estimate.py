@@ -46,7 +46,7 @@ def exposed(measured):
 
 
 def known(**changes):
-    return replace(PathKnown(3, 0.05, None), **changes)
+    return replace(PathKnown(3, 0.05, 0.0, None), **changes)
 
 
 def test_a_still_scene_along_a_path_has_all_standard_errors(exposed):
@@ -85,3 +85,10 @@ def test_tracks_tell_how_sure_depths_are(exposed):
     there = np.zeros((4, 6, 2)) + np.linspace(-0.1, 0.1, 4)[:, None, None]
     found = standard_errors(exposed, known(followed=there))
     assert not np.array_equal(found.depth, standard_errors(exposed, known()).depth)
+
+
+def test_a_turn_that_halves_of_tracks_show_makes_the_path_unsure(exposed):
+    found, sure = (standard_errors(exposed, known(turn=turn)) for turn in (0.2, 0.0))
+    assert (found.rotations > sure.rotations).any()
+    assert (found.positions > sure.positions).all()
+    assert np.array_equal(found.depth, sure.depth)

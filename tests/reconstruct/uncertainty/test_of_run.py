@@ -19,11 +19,13 @@ def known(given=False, expected=None, poses=None, others=None, centre=None):
         unit=2.0,
         reference=3,
         path_error_expected=expected,
+        turn_error_expected=0.01,
         followed=np.zeros((1, 6, 2)),
     )
     ensemble = SimpleNamespace(best=SimpleNamespace(world_to_camera=poses))
     found = of_run._path(geometry, ensemble, others, centre)
     assert found.followed is geometry.followed
+    assert found.turn == geometry.turn_error_expected
     assert found.centre is centre
     return found
 

@@ -125,7 +125,7 @@ def test_the_stated_error_is_the_true_one_of_repeated_measurements(monkeypatch, 
     for seed in range(14):
         given = blocks(displaced_by(path(), depths(seed), 0.2, seed))
         found = given.motion()
-        stated.append(expected_error(given, found, VIEWS // 2))
+        stated.append(expected_error(given, found, VIEWS // 2).share)
         true.append(nate(found, path()).nate)
     # Fourteen measurements know the ratio to about 20 %.
     assert 0.75 < np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(true))) < most
@@ -198,6 +198,7 @@ def test_a_measurement_shows_a_path_of_a_pixel(request_for, small):
     found = displaced_motion(request, without_path(request))
     assert (found.source, found.verdict) == ("displacements", "full")
     assert found.path_error_expected < 0.1
+    assert 0 < found.turn_error_expected < 0.01
     assert np.median(found.inverse_depth) == pytest.approx(1, abs=1e-3)
     assert np.array_equal(found.world_to_camera[VIEWS // 2], np.eye(4))
     codes = [note.code for note in found.notes]
