@@ -4,7 +4,6 @@ Here: what is asked of which part. Not here: the parts (`views`, `information`, 
 (`gs2ci.core.uncertainty`), files (`gs2ci.evaluate`). Several exposures of one scene are asked one by one.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,7 +90,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
-    places = of.world_to_camera, middle_depth(seen), math.hypot(turn, path.turn)
+    places = of.world_to_camera, middle_depth(seen), (turn, path.turn)
     positions, rotations = errors_of_poses(covariance, *places, given=given, centre=path.centre)
     place_px = error_of_places(seen, path.reference, path.followed)
     depths = errors_of_depths(seen, place_px, path.error, turn, path.others)

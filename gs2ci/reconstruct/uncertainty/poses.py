@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, rms_of
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.uncertainty.factors import factors
 
@@ -35,7 +35,13 @@ def unseen_turn(rays: F32, focal_px: F64, given: float | None = None) -> float:
 
 
 def errors_of_poses(
-    covariance: F64, world_to_camera: F64, middle_depth: float, turn: float, *, given: bool, centre: F64 | None = None
+    covariance: F64,
+    world_to_camera: F64,
+    middle_depth: float,
+    turns: tuple[float, float],
+    *,
+    given: bool,
+    centre: F64 | None = None,
 ) -> tuple[F64, F64]:
     """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
 
@@ -43,7 +49,8 @@ def errors_of_poses(
         covariance: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
-        turn: In step with the travel: that readings do not see (`unseen_turn`), and that halves of tracks show, rad.
+        turns: In step with the travel, rad: that readings do not see (`unseen_turn`), common to exposures that share a
+            scene, so that those at the ends turn by more; and that by which halves of the own tracks differ.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
         centre: The mean place of the cameras of all exposures that share the scene, [3], whose similarity it then is;
             None: there are no others.
@@ -57,11 +64,10 @@ def errors_of_poses(
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     if given:
         return position, rotation
-    # Exposures that share a scene share the turn per travel, so that those at the ends turn by more.
-    far = np.linalg.norm(moved if centre is None else centres - centre, axis=1)
-    per_length = turn / max(float(np.sqrt(np.square(moved).sum(axis=1).mean())), _LEAST)
-    in_step = np.minimum(per_length * far, np.pi)
-    place = factors.out_of_step * middle_depth * max(turn, float(np.sqrt(np.square(in_step).mean())))
+    far = [np.linalg.norm(one, axis=1) for one in (moved if centre is None else centres - centre, moved)]
+    of_path = np.hypot(*(turn * one for turn, one in zip(turns, far, strict=True)))
+    in_step = np.minimum(of_path / max(rms_of(far[1]), _LEAST), np.pi)
+    place = factors.out_of_step * middle_depth * max(float(np.hypot(*turns)), rms_of(in_step))
     return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 
 

@@ -87,8 +87,11 @@ def test_tracks_tell_how_sure_depths_are(exposed):
     assert not np.array_equal(found.depth, standard_errors(exposed, known()).depth)
 
 
-def test_a_turn_that_halves_of_tracks_show_makes_the_path_unsure(exposed):
+def test_a_turn_that_halves_of_own_tracks_show_makes_the_path_unsure_wherever_others_are(exposed):
     found, sure = (standard_errors(exposed, known(turn=turn)) for turn in (0.2, 0.0))
     assert (found.rotations > sure.rotations).any()
     assert (found.positions > sure.positions).all()
     assert np.array_equal(found.depth, sure.depth)
+    far = np.array([40.0, 0, 0])
+    beside = [standard_errors(exposed, known(turn=turn, centre=far)).rotations for turn in (0.0, 1e-4)]
+    assert np.allclose(*beside, rtol=1e-2)
