@@ -65,9 +65,10 @@ def errors_of_poses(
     if given:
         return position, rotation
     far = [np.linalg.norm(one, axis=1) for one in (moved if centre is None else centres - centre, moved)]
-    of_path = np.hypot(*(turn * one for turn, one in zip(turns, far, strict=True)))
+    # Both show the one freedom: halves, where tracks leave it open more than readings do at best.
+    of_path = np.maximum(*(turn * one for turn, one in zip(turns, far, strict=True)))
     in_step = np.minimum(of_path / max(rms_of(far[1]), _LEAST), np.pi)
-    place = factors.out_of_step * middle_depth * max(float(np.hypot(*turns)), rms_of(in_step))
+    place = factors.out_of_step * middle_depth * max(*turns, rms_of(in_step))
     return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 
 
