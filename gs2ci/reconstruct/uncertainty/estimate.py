@@ -53,7 +53,7 @@ class PathKnown:
             rad; None if a reconstruction found the path.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
         followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None without tracks.
-        centre: Mean place of the cameras of all exposures that share the scene, [3]; None if there are no others.
+        places: Of the cameras of all exposures that share the scene, [K, 3]; None if there are no others.
     """
 
     reference: int
@@ -62,7 +62,7 @@ class PathKnown:
     given: tuple[float, float] | None
     others: F64 | None = None
     followed: F64 | None = None
-    centre: F64 | None = None
+    places: F64 | None = None
 
 
 def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
@@ -91,7 +91,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
     places = of.world_to_camera, middle_depth(seen), (turn, path.turn)
-    positions, rotations = errors_of_poses(covariance, *places, given=given, centre=path.centre)
+    positions, rotations = errors_of_poses(covariance, *places, given=given, everywhere=path.places)
     place_px = error_of_places(seen, path.reference, path.followed)
     depths = errors_of_depths(seen, place_px, path.error, turn, path.others)
     return Uncertainty(views, depths, positions, rotations)

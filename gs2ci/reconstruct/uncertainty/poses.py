@@ -41,7 +41,7 @@ def errors_of_poses(
     turns: tuple[float, float],
     *,
     given: bool,
-    centre: F64 | None = None,
+    everywhere: F64 | None = None,
 ) -> tuple[F64, F64]:
     """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
 
@@ -52,7 +52,7 @@ def errors_of_poses(
         turns: In step with the travel, rad: that readings do not see (`unseen_turn`), common to exposures that share a
             scene, so that those at the ends turn by more; and that by which halves of the own tracks differ.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
-        centre: The mean place of the cameras of all exposures that share the scene, [3], whose similarity it then is;
+        everywhere: Places of the cameras of all exposures that share the scene, [K, 3], whose similarity it then is;
             None: there are no others.
     """
     count = len(world_to_camera)
@@ -64,11 +64,15 @@ def errors_of_poses(
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     if given:
         return position, rotation
-    far = [np.linalg.norm(one, axis=1) for one in (moved if centre is None else centres - centre, moved)]
+    everywhere = centres if everywhere is None else everywhere
+    middle = everywhere.mean(axis=0)
+    own, far, all_far = (np.linalg.norm(one, axis=1) for one in (moved, centres - middle, everywhere - middle))
+    length = max(rms_of(own), _LEAST)
     # Both show the one freedom: halves, where tracks leave it open more than readings do at best.
-    of_path = np.maximum(*(turn * one for turn, one in zip(turns, far, strict=True)))
-    in_step = np.minimum(of_path / max(rms_of(far[1]), _LEAST), np.pi)
-    place = factors.out_of_step * middle_depth * max(*turns, rms_of(in_step))
+    in_step = np.minimum(np.maximum(turns[0] * far, turns[1] * own) / length, np.pi)
+    # It bends all paths as one, so that the middle errs no less than the ends.
+    bend = min(turns[0] * rms_of(all_far) / length, np.pi)
+    place = factors.out_of_step * middle_depth * max(*turns, bend)
     return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 
 

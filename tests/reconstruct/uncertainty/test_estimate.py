@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.core.cameras import pinhole
+from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
@@ -70,14 +70,19 @@ def test_given_poses_are_surer(exposed):
 
 
 def test_an_exposure_beside_others_may_turn_the_more_the_farther_it_is_from_their_middle(exposed):
-    places = (None, np.zeros(3), np.array([0.4, 0, 0]))
-    alone, inmost, aside = (standard_errors(exposed, known(centre=centre)) for centre in places)
+    own, step = camera_centres(exposed.world_to_camera), np.array([0.4, 0, 0])
+    alone = standard_errors(exposed, known())
+    inmost, aside = (
+        standard_errors(exposed, known(places=np.concatenate(rows)))
+        for rows in ((own - step, own, own + step), (own, own + step, own + 2 * step))
+    )
     assert np.allclose(inmost.rotations, alone.rotations)
-    assert np.allclose(inmost.positions, alone.positions)
     assert (aside.rotations > 2 * alone.rotations).all()
+    # The row bends as one.
+    assert np.allclose(aside.positions, inmost.positions)
     assert (aside.positions > alone.positions).all()
     assert np.array_equal(aside.depth, alone.depth)
-    given = [standard_errors(exposed, known(given=(1e-5, 1e-6), centre=centre)).positions for centre in places[1:]]
+    given = [standard_errors(exposed, known(given=(1e-5, 1e-6), places=places)).positions for places in (None, own)]
     assert np.array_equal(*given)
 
 
@@ -92,6 +97,6 @@ def test_a_turn_that_halves_of_own_tracks_show_makes_the_path_unsure_wherever_ot
     assert (found.rotations > sure.rotations).any()
     assert (found.positions > sure.positions).all()
     assert np.array_equal(found.depth, sure.depth)
-    far = np.array([40.0, 0, 0])
-    beside = [standard_errors(exposed, known(turn=turn, centre=far)).rotations for turn in (0.0, 1e-4)]
-    assert np.allclose(*beside, rtol=1e-2)
+    far = np.array([[40.0, 0, 0]])
+    beside = [standard_errors(exposed, known(turn=turn, places=far)).rotations for turn in (0.0, 1e-4)]
+    assert np.array_equal(*beside)

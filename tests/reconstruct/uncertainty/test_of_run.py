@@ -10,7 +10,7 @@ from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def known(given=False, expected=None, poses=None, others=None, centre=None):
+def known(given=False, expected=None, poses=None, others=None, places=None):
     poses = path(6) if poses is None else poses
     geometry = SimpleNamespace(
         has_path=True,
@@ -23,17 +23,17 @@ def known(given=False, expected=None, poses=None, others=None, centre=None):
         followed=np.zeros((1, 6, 2)),
     )
     ensemble = SimpleNamespace(best=SimpleNamespace(world_to_camera=poses))
-    found = of_run._path(geometry, ensemble, others, centre)
+    found = of_run._path(geometry, ensemble, others, places)
     assert found.followed is geometry.followed
     assert found.turn == geometry.turn_error_expected
-    assert found.centre is centre
+    assert found.places is places
     return found
 
 
 @pytest.mark.parametrize("given", [True, False])
 def test_other_exposures_tell_of_depths_along_given_poses_alone(given):
     others = path(2, (4.0, 0, 0))
-    found = known(given, others=others, centre=np.zeros(3))
+    found = known(given, others=others, places=np.zeros((2, 3)))
     assert found.others is (others if given else None)
     assert found.given == ((0.02, 0.001) if given else None)
     assert found.error == pytest.approx(0.02 / 4.0 if given else factors.path_not_judged)
