@@ -99,9 +99,7 @@ class Geometry:
         verdict: "full"; or why depth is only a plane: "rotation_only", "static", "unsupported".
         notes: Findings for the user.
         source: The geometry prior that it comes from.
-        path_error_expected: Expected error of the path, from halves of the tracks (`halves`), as a share of its extent;
-            None if the path was given, or there is none.
-        turn_error_expected: The same of its orientations, rad; 0 where the other is None.
+        path_errors: Expected errors of the path, from halves of the tracks; None if it was given, or there is none.
         unit: A length of 1 in the unit of the given poses; None if none were given, or they were not used.
         order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
             (`motion.preference`); None without tracks, or if they have no second solution.
@@ -126,8 +124,7 @@ class Geometry:
     verdict: Verdict = Verdict.UNSUPPORTED
     notes: tuple[Finding, ...] = ()
     source: str = PathSource.TRACKS
-    path_error_expected: float | None = None
-    turn_error_expected: float = 0.0
+    path_errors: PathErrors | None = None
     unit: float | None = None
     order_errors: float | None = None
     other_order: "OtherOrder | None" = None
@@ -136,6 +133,11 @@ class Geometry:
     view_depths: tuple[ViewDepth, ...] = ()
     joined: int = 0
     followed: F64 | None = None
+
+    @property
+    def path_error_expected(self) -> float | None:
+        """Get the expected error of the path as a share of its extent; None if it is not known."""
+        return None if self.path_errors is None else self.path_errors.share
 
     @property
     def known_at_rest(self) -> bool:
@@ -335,8 +337,7 @@ class _Estimation:
         geometry, criteria = found.geometry, self.settings.criteria
         if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
             return False
-        expected = self.expected_errors(found)
-        return expected is not None and halves_agree(expected.share, criteria)
+        return halves_agree(self.expected_errors(found), criteria)
 
     def found(self, tracks: Tracks, *, moved: bool) -> _Found:
         """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
@@ -436,11 +437,9 @@ class _Estimation:
 
     def doubted(self, found: _Found) -> Geometry:
         """Return the geometry with the expected error of its path."""
-        found_of, expected = found.geometry, self.expected_errors(found)
-        if expected is None:
-            return found_of
-        notes = (*found_of.notes, *doubts_about_path(expected.share, self.settings.criteria))
-        return replace(found_of, path_error_expected=expected.share, turn_error_expected=expected.turn, notes=notes)
+        errors = self.expected_errors(found)
+        notes = (*found.geometry.notes, *doubts_about_path(errors, self.settings.criteria))
+        return replace(found.geometry, path_errors=errors, notes=notes)
 
     def expected_errors(self, found: _Found) -> PathErrors | None:
         """Return the expected errors of a path; see `halves`."""

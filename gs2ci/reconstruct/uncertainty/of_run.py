@@ -15,6 +15,7 @@ from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
@@ -62,7 +63,7 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F6
     # Paths that nothing gave err together by more than information that adds up says.
     others = None if given is None else others
     extent = path_extent(poses if others is None else np.concatenate([poses, others]))
-    error = factors.path_not_judged if geometry.path_error_expected is None else geometry.path_error_expected
+    expected = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0)
     if given is not None and extent > 0:
-        error = given[0] / extent
-    return PathKnown(geometry.reference, error, geometry.turn_error_expected, given, others, geometry.followed, places)
+        expected = PathErrors(given[0] / extent, 0.0)
+    return PathKnown(geometry.reference, expected, given, others, geometry.followed, places)

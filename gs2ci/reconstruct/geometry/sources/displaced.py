@@ -237,15 +237,14 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
     if here.cost > _MOST_OFF or blocks.turn().cost < _LEAST_PARALLAX * here.cost:
         return without
     expected = expected_error(blocks, here, tracks.reference)
-    if expected is None or not halves_agree(expected.share, criteria):
+    if expected is None or not halves_agree(expected, criteria):
         return without
     there = blocks.adjusted(_reversed(here))
     notes = (
         finding(Code.PATH_BY_DISPLACEMENTS, blocks=len(blocks), share=expected.share),
-        *doubts_about_path(expected.share, criteria),
+        *doubts_about_path(expected, criteria),
     )
-    told = replace(without, verdict=Verdict.FULL, path_error_expected=expected.share, turn_error_expected=expected.turn)
-    found = _seen_along(request, told, blocks, here)
+    found = _seen_along(request, replace(without, verdict=Verdict.FULL, path_errors=expected), blocks, here)
     kept = tuple(note for note in still.notes if note.code not in _OVERRULED)
     found = replace(found, notes=(*kept, *notes))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:

@@ -82,14 +82,14 @@ class MappedScene:
         world_to_camera: Poses, [N, 4, 4].
         points: In the world, [P, 3].
         rms_px: Mean reprojection error.
-        expected: Expected errors of the path: of places, the larger of what halves of the points show and the distance
-            of a path that explains hardly fewer matches. None for a camera that stays in place.
+        path_errors: Expected errors of the path: of places, the larger of what halves of the points show and how far a
+            path is that explains hardly fewer matches. None for a camera that stays in place.
     """
 
     world_to_camera: F64
     points: F64
     rms_px: float
-    expected: PathErrors | None
+    path_errors: PathErrors | None
 
 
 def grown_scene(
