@@ -17,7 +17,8 @@ Here: the candidates, the name of the result, and how long polishing takes. Not 
 
 import math
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -72,6 +73,8 @@ class Recovered:
     """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
     scene_views: F32 | None = None
     """Views of the best scene at the middle of each mask's time; None: those of the fit."""
+    parts: Mapping[Verdict, float] = field(default_factory=dict)
+    """The share of each in the views."""
 
     @property
     def is_decode(self) -> bool:
@@ -87,8 +90,8 @@ class Recovered:
         """Return the views at the middle of each mask's time.
 
         The views are corrected by the difference between the scenes' renderings at the middle and over the whole time:
-        views of the best scene by its own difference, refined views, which are made of all averaged fits, by the mean
-        of theirs. A decode is not corrected, since it has no camera path.
+        the best scene's share by its own difference, that of refined views, which are made of all averaged fits, by the
+        mean of theirs. The decode's share is not corrected, since it has no camera path.
         """
         if renderer.moments_per_mask == 1:
             return self
@@ -97,9 +100,8 @@ class Recovered:
             renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
             for fit in averaged
         ]
-        mean = np.mean(differ, axis=0, dtype=np.float32)
-        correction = {"refined": mean, "scene": differ[0], "decode": np.float32(0)}[self.verdict]
-        views = self.views + correction
+        by_mean, by_scene = (np.float32(self.parts.get(name, 0.0)) for name in ("refined", "scene"))
+        views = self.views + by_mean * np.mean(differ, axis=0, dtype=np.float32) + by_scene * differ[0]
         return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
 
 
@@ -126,7 +128,7 @@ def hand_over(
     holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
     if settings.residual is None or not holdout.pixels.any():
         judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
-        return Recovered(own, "scene", judged, _doubts(holdout, own))
+        return Recovered(own, "scene", judged, _doubts(holdout, own), parts={"scene": 1.0})
     unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
     if LeftOut.ERRORS_OVER_TIME in settings.left_out:
         unfollowed = np.zeros_like(unfollowed)
@@ -174,7 +176,7 @@ def hand_over(
         verdict = "refined"
     if verdict != "refined":
         wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
-        notes = ()
+        of, notes = {verdict: 1.0}, ()
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
@@ -183,7 +185,8 @@ def hand_over(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
-    return Recovered(given.full, verdict, judged, (*doubts, *_expected_to_err(holdout, given, least_noise), *notes))
+    notes = (*doubts, *_expected_to_err(holdout, given, least_noise), *notes)
+    return Recovered(given.full, verdict, judged, notes, parts=of)
 
 
 def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
