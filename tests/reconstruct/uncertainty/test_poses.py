@@ -6,8 +6,8 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.evaluate.trajectory import align
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, unseen_turn
-from gs2ci.render import se3
 from tests.reconstruct.uncertainty.conftest import path
+from tests.render import se3
 
 FOCAL_PX = np.array([100.0, 100.0])
 
