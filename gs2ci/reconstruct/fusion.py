@@ -37,7 +37,7 @@ from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
-from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.settings import Settings
@@ -50,6 +50,8 @@ _FAR_OFF: Final = 1.7
 _ERRS: Final = 0.045
 # If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
 _ALL_BUT: Final = 0.95
+# Shares of what a scene that fails leaves that are tried as noise.
+_SHARES_OF_NOISE: Final = (1.0, 0.2, 0.04, 0.0)
 
 Part = Literal["refined", "polished", "mean", "scene", "decode"]
 _CALLED: Final[dict[Part, Verdict]] = {
@@ -134,9 +136,9 @@ def hand_over(
         unfollowed = np.zeros_like(unfollowed)
     if unfollowed.any():
         own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
-    noise_by_reading = noise_of_readings(holdout, ensemble.views)
+    noise_by_reading, by_factor = _noise(first, ensemble.views, settings)
     least_noise = mean_power(noise_by_reading, holdout)
-    noise = least_noise * followed(holdout, ensemble.views)
+    noise = least_noise * by_factor
     refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
@@ -157,7 +159,8 @@ def hand_over(
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
     # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
-    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
+    alone = shares(holdout, {**candidates, **decode}, least_noise).get("decode", 0.0) >= _ALL_BUT
+    if settings.polish is not None and not alone:
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
@@ -187,6 +190,26 @@ def hand_over(
     )
     notes = (*doubts, *_expected_to_err(holdout, given, least_noise), *notes)
     return Recovered(given.full, verdict, judged, notes, parts=of)
+
+
+def _noise(first: FirstLook, views: F32, settings: Settings) -> tuple[F32, float]:
+    """Return the noise of the readings, [H, W, C], as scenes' views, [N, H, W, C], tell it; and a factor on its mean.
+
+    Where they surely explain less than the decode, much of what they leave is no noise. As much is as a decode had
+    better weigh: with too much it lacks detail, with too little it shows noise, and either leaves more of the held-out
+    pixels.
+    """
+    holdout = first.holdout
+    found = noise_of_readings(holdout, views)
+    fails = surely_larger(holdout.squared_residuals(views), holdout.squared_residuals(first.decoded))
+    if not fails or LeftOut.DECODE_WEIGHS_NOISE in settings.left_out:
+        return found, followed(holdout, views)
+
+    def left(share: float) -> float:
+        weighed = gap_tv(holdout.every_seen, settings.decode, noise=np.float32(share) * found)
+        return holdout.residual_rms(weighed) or 0.0
+
+    return np.float32(min(_SHARES_OF_NOISE, key=left)) * found, 1.0
 
 
 def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
@@ -229,11 +252,6 @@ def _polished_densely(
         return None, ()
     full = patch_decode_from(holdout.every_shot, polished, PatchSettings.to_the_end())
     return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
-
-
-def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdout, noise: float) -> bool:
-    """Tell whether one candidate would get nearly all the weight."""
-    return name in candidates and shares(holdout, candidates, noise)[name] >= _ALL_BUT
 
 
 def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) -> Candidate:

@@ -312,7 +312,7 @@ class CoarseRun:
         heldout = self._looks.take(self._fit.seen(), iteration, loss, len(self._fit.scene))
         # What explodes just before the population changes, or surfaces are found, is seen by the earlier looks alone.
         least = min(point.loss for point in self._looks.curve if point.loss is not None)
-        if not self._has_exploded(loss, least) and self._watch.note(heldout, iteration):
+        if self._watch.note(heldout, iteration, sound=not self._has_exploded(loss, least)):
             self._best = self._fit.snapshot(iteration)
         self._pace.looked(time.monotonic() - began_s)
 
