@@ -25,7 +25,7 @@ from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 
 LONG = 400
-QUIET, LOUD = LeftByMotion(0.0, 0.0, np.zeros((4, 4, 2))), LeftByMotion(0.2, 0.5, np.ones((4, 4, 2)))
+QUIET, LOUD = LeftByMotion(0.0, 0.0), LeftByMotion(0.2, 0.5)
 # One block of 16 px, of the first thing's side of the picture, moves.
 
 
