@@ -31,6 +31,7 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
+from gs2ci.reconstruct.decode.weighing import decode_weighing
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
@@ -50,8 +51,6 @@ _FAR_OFF: Final = 1.7
 _ERRS: Final = 0.045
 # If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
 _ALL_BUT: Final = 0.95
-# Shares of what a scene that fails leaves that are tried as noise.
-_SHARES_OF_NOISE: Final = (1.0, 0.2, 0.04, 0.0)
 
 Part = Literal["refined", "polished", "mean", "scene", "decode"]
 _CALLED: Final[dict[Part, Verdict]] = {
@@ -195,21 +194,15 @@ def hand_over(
 def _noise(first: FirstLook, views: F32, settings: Settings) -> tuple[F32, float]:
     """Return the noise of the readings, [H, W, C], as scenes' views, [N, H, W, C], tell it; and a factor on its mean.
 
-    Where they surely explain less than the decode, much of what they leave is no noise. As much is as a decode had
-    better weigh: with too much it lacks detail, with too little it shows noise, and either leaves more of the held-out
-    pixels.
+    Where they surely explain less than the decode, much of what they leave is no noise: as much is as a decode had
+    better weigh.
     """
     holdout = first.holdout
     found = noise_of_readings(holdout, views)
     fails = surely_larger(holdout.squared_residuals(views), holdout.squared_residuals(first.decoded))
     if not fails or LeftOut.DECODE_WEIGHS_NOISE in settings.left_out:
         return found, followed(holdout, views)
-
-    def left(share: float) -> float:
-        weighed = gap_tv(holdout.every_seen, settings.decode, noise=np.float32(share) * found)
-        return holdout.residual_rms(weighed) or 0.0
-
-    return np.float32(min(_SHARES_OF_NOISE, key=left)) * found, 1.0
+    return decode_weighing((holdout, *holdout.beside), settings.decode, found)[1], 1.0
 
 
 def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
