@@ -147,4 +147,3 @@ def _places(size: tuple[int, ...], sampling: CanvasSampling | None) -> tuple[F64
         return sampling.places[..., 0].reshape(-1), sampling.places[..., 1].reshape(-1)
     pixel = np.arange(size[0] * size[1], dtype=np.float64)
     return pixel % size[1] + 0.5, pixel // size[1] + 0.5
-
