@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import relative_to
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth, turned
 from gs2ci.reconstruct.uncertainty.slopes import slopes
@@ -123,7 +124,7 @@ def movement(
     """
     squares, total = torch.zeros_like(points[0]), [torch.zeros_like(points[0]) for _ in focal_px]
     counted = torch.zeros_like(points[0])
-    for motion in world_to_camera @ np.linalg.inv(world_to_camera[view]):
+    for motion in relative_to(world_to_camera, view):
         at, steps = _moving(motion, points)
         inside = at[0].isfinite()
         if sides is not None:
