@@ -70,6 +70,7 @@ class LeftOut(StrEnum):
     REPEATS_DECODED_TOGETHER = "repeats decoded together"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"
+    STEADY_ERRORS_OF_POSES = "steady errors of poses"
     TRACKS_SOUGHT_TWICE = "tracks sought twice"
     WIDE_MATCHES = "wide matches"
 

@@ -140,7 +140,7 @@ def place_points(
     relative = world_to_camera @ np.linalg.inv(world_to_camera[tracks.reference])
     rotations, translations = relative[:, :3, :3], relative[:, :3, 3]
     sightings = Sightings.of(tracks, intrinsics)
-    inverse_depth = _triangulate(rotations, translations, sightings, huber_px)
+    inverse_depth = triangulate(rotations, translations, sightings, huber_px)
     unit = float(np.median(inverse_depth))
     if not np.isfinite(unit) or unit <= 0:
         raise GeometryError(
@@ -163,7 +163,7 @@ def place_points(
     return with_errors(points, Sightings.of(kept, intrinsics)), kept
 
 
-def _triangulate(rotations: F64, translations: F64, sightings: Sightings, huber_px: float) -> F64:
+def triangulate(rotations: F64, translations: F64, sightings: Sightings, huber_px: float) -> F64:
     """Solve for the inverse depth of each point, [P].
 
     A view at R, t sees the ray d at inverse depth ρ in (X + t ρ), X = R d, so that

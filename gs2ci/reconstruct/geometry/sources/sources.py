@@ -8,14 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import path_extent
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.progress import Progress
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.initialise import (
+    Geometry,
+    before_camera_at_rest,
+    initialise,
+    measured,
+    usable_tracks,
+)
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
+from gs2ci.reconstruct.geometry.path.steady import Steady, SteadyError, steady_error
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import swept_along
@@ -33,29 +44,85 @@ def from_stage(request: Request, progress: Progress) -> Geometry:
     unless it turned by exactly as much as the reversal requires.
     """
     poses = poses_of_stage(request.shot)
-    found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
+    found, steady = _along(request, poses, request.intrinsics, progress)
     if not found.tracks:
         found = _without_tracks(request, poses, found)
-    held = _held(found, stated_error(request.shot))
-    return replace(held, order_given=held.has_path, source=PathSource.STAGE)
+    held = _held(found, PathSource.STAGE, steady, stated_error(request.shot))
+    return replace(held, order_given=held.has_path)
 
 
-def _held(found: Geometry, error: float | None = None) -> Geometry:
-    """Add the standard errors of given poses, within which the fit refines them.
+def _along(
+    request: Request, poses: F64, intrinsics: F64 | None, progress: Progress
+) -> tuple[Geometry, SteadyError | None]:
+    """Find the geometry along given poses, [N, 4, 4], or along those without an error that explains all contradictions.
+
+    Returns:
+        The geometry, and the error that was taken out.
+
+    Raises:
+        GeometryError: The poses contradict the tracks.
+    """
+    try:
+        found = initialise(request.views, intrinsics, request.settings, progress, poses, request.seen)
+    except GeometryError:
+        corrected = _corrected(request, poses, intrinsics)
+        if corrected is None:
+            raise
+        return corrected
+    if found.tracks == 0 or found.pose_errors is not None:
+        return found, None
+    corrected = _corrected(request, poses, found.intrinsics)
+    return (found, None) if corrected is None else corrected
+
+
+def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Geometry, SteadyError] | None:
+    """Take out of poses that tracks contradict an error alike all along the path, if tracks bear out what is left."""
+    settings = request.settings
+    if LeftOut.STEADY_ERRORS_OF_POSES in settings.left_out:
+        return None
+    tracks = usable_tracks(request.views, settings, request.seen)
+    if intrinsics is None or len(tracks) < settings.criteria.tracks or path_extent(poses) == 0:
+        return None
+    steady = steady_error(tracks, poses, intrinsics, request.size, settings.motion.huber_px)
+    if not steady.is_clear:
+        return None
+    try:
+        found = initialise(request.views, intrinsics, settings, Silent(), steady.world_to_camera, request.seen)
+    except GeometryError:
+        return None
+    return None if found.pose_errors is None else (found, steady)
+
+
+def _held(
+    found: Geometry, source: PathSource, steady: SteadyError | None = None, error: float | None = None
+) -> Geometry:
+    """Add the standard errors of given poses, within which the fit refines them, and what is said of their errors.
 
     Without them a fit of a small motion exchanges turning for travel, which views hardly show.
 
     Args:
         found: With given poses.
+        source: Who gave them.
+        steady: What was taken out of them.
         error: Standard error of positions in their unit; None if it is not stated.
     """
+    found = replace(found, source=source)
     if not found.has_path:
         return found
     if found.tracks > 0 and found.pose_errors is None:
         # If tracks contradict the poses, they contradict the stated error too.
-        return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics).loosened())
+        errors = errors_of_given(found.world_to_camera, found.intrinsics).loosened()
+        note = finding(Code.POSES_CONTRADICTED, source=source)
+        return replace(found, pose_errors=errors, notes=(note, *found.notes))
     position = None if error is None or found.unit is None else error / found.unit
-    return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position))
+    errors = errors_of_given(found.world_to_camera, found.intrinsics, position)
+    if steady is None:
+        return replace(found, pose_errors=errors)
+    code = Code.POSES_TURN if steady.kind == Steady.TURN else Code.POSES_DIRECTION
+    angle, off = float(np.linalg.norm(steady.by)), steady.error
+    note = finding(code, source=source, angle_deg=float(np.degrees(angle)), error_deg=float(np.degrees(off)))
+    errors = replace(errors, rotation=float(np.hypot(errors.rotation, steady.turned * off)))
+    return replace(found, pose_errors=errors, notes=(note, *found.notes))
 
 
 def from_displacements(request: Request, progress: Progress) -> Geometry:
@@ -108,13 +175,14 @@ def from_file(path: Path, request: Request, progress: Progress) -> Geometry:
     if request.lens is not None:
         cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
     poses = cameras.world_to_camera
-    found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
+    found, steady = _along(request, poses, cameras.intrinsics, progress)
     # One view shows no depth, even within a known range.
     if not found.has_path and len(cameras.points) and len(poses) > 1:
         found = swept_between_points(request, cameras, found)
     elif not found.tracks:
         found = _without_tracks(request, poses, found)
-    return replace(_held(found), source=PathSource.FILE, notes=(*notes, *found.notes))
+    held = _held(found, PathSource.FILE, steady)
+    return replace(held, notes=(*notes, *held.notes))
 
 
 def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
