@@ -55,12 +55,12 @@ def errors_of_poses(
     position = np.sqrt(_squares(aligned @ covariance @ aligned.T).reshape(count, 2, 3)[:, 0].sum(axis=1))
     apart = _turns_apart(world_to_camera)
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
-    if given:
-        return position, rotation
     # Exposures that share a scene share the turn per travel, so that those at the ends turn by more.
     far = np.linalg.norm(moved if centre is None else centres - centre, axis=1)
     per_length = turn / max(float(np.sqrt(np.square(moved).sum(axis=1).mean())), _LEAST)
     in_step = np.minimum(per_length * far, np.pi)
+    if given:
+        return position, np.hypot(rotation, in_step)
     place = factors.out_of_step * middle_depth * max(turn, float(np.sqrt(np.square(in_step).mean())))
     return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 

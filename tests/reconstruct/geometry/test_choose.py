@@ -128,6 +128,9 @@ def test_a_stage_is_believed_as_far_as_it_states_its_error(request_for, scene):
     stated = {"telemetry": {"position_error": 0.003}}
     found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses), provenance=stated))
     assert found.pose_errors.position * found.unit == pytest.approx(0.003)
+    turning = {"telemetry": {"turn_error_deg": 1.0}}
+    found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses), provenance=turning))
+    assert np.degrees(found.pose_errors.rotation) == pytest.approx(np.hypot(12**-0.5, np.degrees(0.1 / 100)), rel=0.01)
 
 
 def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_states(request_for, scene):

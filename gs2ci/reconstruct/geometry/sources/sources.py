@@ -47,7 +47,8 @@ def from_stage(request: Request, progress: Progress) -> Geometry:
     found, steady = _along(request, poses, request.intrinsics, progress)
     if not found.tracks:
         found = _without_tracks(request, poses, found)
-    held = _held(found, PathSource.STAGE, steady, stated_error(request.shot))
+    stated = stated_error(request.shot, "position_error"), stated_error(request.shot, "turn_error_deg")
+    held = _held(found, PathSource.STAGE, steady, stated)
     return replace(held, order_given=held.has_path)
 
 
@@ -94,7 +95,10 @@ def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Ge
 
 
 def _held(
-    found: Geometry, source: PathSource, steady: SteadyError | None = None, error: float | None = None
+    found: Geometry,
+    source: PathSource,
+    steady: SteadyError | None = None,
+    stated: tuple[float | None, float | None] = (None, None),
 ) -> Geometry:
     """Add the standard errors of given poses, within which the fit refines them, and what is said of their errors.
 
@@ -104,7 +108,8 @@ def _held(
         found: With given poses.
         source: Who gave them.
         steady: What was taken out of them.
-        error: Standard error of positions in their unit; None if it is not stated.
+        stated: Standard errors of positions, in their unit, and of a turn in step with the travel, degrees; None if
+            they are not stated.
     """
     found = replace(found, source=source)
     if not found.has_path:
@@ -114,8 +119,8 @@ def _held(
         errors = errors_of_given(found.world_to_camera, found.intrinsics).loosened()
         note = finding(Code.POSES_CONTRADICTED, source=source)
         return replace(found, pose_errors=errors, notes=(note, *found.notes))
-    position = None if error is None or found.unit is None else error / found.unit
-    errors = errors_of_given(found.world_to_camera, found.intrinsics, position)
+    position = None if stated[0] is None or found.unit is None else stated[0] / found.unit
+    errors = errors_of_given(found.world_to_camera, found.intrinsics, position, None if steady else stated[1])
     if steady is None:
         return replace(found, pose_errors=errors)
     code = Code.POSES_TURN if steady.kind == Steady.TURN else Code.POSES_DIRECTION
