@@ -33,6 +33,8 @@ _STEPS, _DIFFERENCE = 5, 1e-4
 _SHARED: Final = 3.0
 # Squared distance of three numbers that noise exceeds once in a thousand.
 _CLEAR: Final = 16.3
+# A combination of them that is not so many standard errors from zero is left as the poses have it.
+_TOLD: Final = 3.0
 
 
 class Steady(StrEnum):
@@ -49,8 +51,9 @@ class SteadyError:
     Args:
         kind: What errs.
         by: As a rotation vector, rad, [3], in the axes of the reference camera: from the first view to the last, or of
-            the direction of travel.
+            the direction of travel. What tracks do not tell of it is zero.
         covariance: Of it, [3, 3].
+        is_clear: Whether tracks leave no doubt that it is there.
         world_to_camera: The given poses without it, [N, 4, 4]; the identity for the reference view.
         turned: Root mean square, over the views, of a turn's share in each; 0 for a direction.
         cost: Sum of Huber costs that is left, px².
@@ -59,14 +62,10 @@ class SteadyError:
     kind: Steady
     by: F64
     covariance: F64
+    is_clear: bool
     world_to_camera: F64
     turned: float
     cost: float
-
-    @property
-    def is_clear(self) -> bool:
-        """Get whether tracks leave no doubt that it is there."""
-        return float(self.by @ np.linalg.solve(self.covariance, self.by)) > _CLEAR
 
     @property
     def error(self) -> float:
@@ -115,11 +114,16 @@ def _of_kind(
     inverse = np.linalg.inv(known)
     of_cells = np.stack([pull[group == one].sum(axis=0) for one in np.unique(group)])
     covariance = _SHARED * (inverse + inverse @ (of_cells.T @ of_cells) @ inverse)
+    variances, ways = np.linalg.eigh(covariance)
+    shares = by @ ways
+    told = np.square(shares) > _TOLD**2 * variances
+    is_clear = bool(told.any() and (np.square(shares) / variances).sum() > _CLEAR)
+    by = ways[:, told] @ shares[told]
     corrected = _corrected(kind, relative, along, by)
     left = np.linalg.norm(_left(corrected, sightings, huber_px), axis=-1)
     cost = np.where(left < huber_px, left**2 / 2, huber_px * (left - huber_px / 2)).sum()
     turned = float(np.sqrt(np.square(along - along.mean()).mean())) if kind == Steady.TURN else 0.0
-    return SteadyError(kind, by, covariance, corrected, turned, float(cost))
+    return SteadyError(kind, by, covariance, is_clear, corrected, turned, float(cost))
 
 
 def _along(relative: F64, reference: int) -> F64:

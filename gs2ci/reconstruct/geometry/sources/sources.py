@@ -33,6 +33,8 @@ from gs2ci.reconstruct.geometry.sources.direct import swept_along
 from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.sources.wide import ahead_of, wide_motion
 
+# A turn that is less sure than this share of the parallax is no correction: another path is sought, without a unit.
+_UNSURE_TURN: Final = 0.3
 # From this relative difference on, the report mentions that two focal lengths differ.
 _FOCAL_DOUBT: Final = 0.05
 
@@ -91,7 +93,9 @@ def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Ge
         found = initialise(request.views, intrinsics, settings, Silent(), steady.world_to_camera, request.seen)
     except GeometryError:
         return None
-    return None if found.pose_errors is None else (found, steady)
+    # A turn is an equal part of all points' parallax, whose median depth is 1.
+    unsure = steady.kind == Steady.TURN and steady.error > _UNSURE_TURN * path_extent(found.world_to_camera)
+    return None if unsure or found.pose_errors is None else (found, steady)
 
 
 def _held(

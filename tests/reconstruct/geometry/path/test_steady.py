@@ -72,13 +72,26 @@ def test_the_unit_and_the_frame_of_given_poses_do_not_matter():
 
 def test_its_stated_error_is_that_of_repeated_tracks_times_what_neighbours_share():
     """The variance is three times that of independent errors, and counted twice: by residuals and by cells."""
-    errors = [found(path(), path(), seed=seed) for seed in range(30)]
-    assert not any(error.is_clear for error in errors)
-    by_kind = [error for error in errors if error.kind == Steady.TURN]
-    spread = np.std([error.by for error in by_kind], axis=0)
-    stated = np.sqrt(np.mean([np.diag(error.covariance) for error in by_kind], axis=0))
+    errors = [found(path((6, 6, 6)), path(), seed=seed) for seed in range(30)]
+    assert all(error.is_clear and error.kind == Steady.TURN for error in errors)
+    spread = np.std([error.by for error in errors], axis=0)
+    stated = np.sqrt(np.mean([np.diag(error.covariance) for error in errors], axis=0))
     assert np.all(stated / spread > 1.5)
     assert np.all(stated / spread < 4.5)
+
+
+def test_poses_without_such_an_error_stay_as_they_are():
+    errors = [found(path(), path(), seed=seed) for seed in range(30)]
+    assert not any(error.is_clear for error in errors)
+    assert np.count_nonzero([error.by.any() for error in errors]) <= 1
+
+
+def test_what_tracks_do_not_tell_of_a_turn_is_left():
+    """The roll shows in any picture; a turn to the side hardly does beside other depths."""
+    error = found(path((0, 0, 2.0)), path(), noise_px=0.5)
+    assert error.is_clear
+    assert np.degrees(error.by) == pytest.approx([0, 0, 2.0], abs=0.5)
+    assert np.degrees(np.abs(error.by[:2])).max() < 0.2 < np.degrees(error.error)
 
 
 def test_a_single_point_tells_nothing():
