@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress, Silent, said
-from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.depth.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
@@ -209,10 +208,9 @@ def initialise(
         A geometry, always finite: if depth cannot be found, a plane at inverse depth 1, and `notes` say why.
 
     Raises:
-        InputError: The views are not a stack of finite images, or the settings make no sense.
+        InputError: The settings make no sense.
         GeometryError: The known poses contradict the tracks.
     """
-    _check(views, intrinsics)
     progress = progress or Silent()
     progress.stage("geometry", 3)
     found = _Estimation(views, (settings or GeometrySettings()).check(), seen, known_poses).run(intrinsics, progress)
@@ -475,15 +473,6 @@ class _Estimation:
         how, intrinsics = self.settings.motion, self.flat.intrinsics
         times = times_better_foretold(found.motion, adjusted, found.tracks, intrinsics, self.size, how)
         return times <= _CONTRADICTED
-
-
-def _check(views: F32, intrinsics: F64 | None) -> None:
-    if views.ndim != 4 or views.shape[3] not in (1, 3) or 0 in views.shape:
-        raise InputError(f"views have shape {list(views.shape)}", allowed="[N, H, W, 3] or [N, H, W, 1]")
-    if not np.isfinite(views).all():
-        raise InputError("the decoded views hold values that are NaN or infinite", allowed="finite numbers")
-    if intrinsics is not None:
-        check_intrinsics(intrinsics)
 
 
 def _known(intrinsics: F64 | None) -> Focal | None:
