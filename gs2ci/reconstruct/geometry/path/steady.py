@@ -9,7 +9,6 @@ poses are contradicted (`halves`), what is done about it (`sources.sources`).
 """
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
@@ -31,17 +30,8 @@ _STEPS, _DIFFERENCE = 5, 1e-4
 # times what the residuals and their sums over cells of the picture say together: exact poses of 75 draws then leave
 # the median of the squared distance of three numbers.
 _SHARED: Final = 3.0
-# Squared distance of three numbers that noise exceeds once in a thousand.
-_CLEAR: Final = 16.3
-# A combination of them that is not so many standard errors from zero is left as the poses have it.
-_TOLD: Final = 3.0
-
-
-class Steady(StrEnum):
-    """What errs alike all along a path."""
-
-    TURN = "turn"
-    DIRECTION = "direction"
+# A combination of the three numbers is there if it is so many standard errors from zero; otherwise the poses stand.
+_TOLD: Final = 3.5
 
 
 @dataclass(frozen=True)
@@ -49,28 +39,19 @@ class SteadyError:
     """An error of given poses, as tracks show it.
 
     Args:
-        kind: What errs.
+        turns: Whether it is a turn in step with the travel, and not its direction.
         by: As a rotation vector, rad, [3], in the axes of the reference camera: from the first view to the last, or of
             the direction of travel. What tracks do not tell of it is zero.
-        covariance: Of it, [3, 3].
-        is_clear: Whether tracks leave no doubt that it is there.
+        error: Standard error in the direction that is least sure, rad.
         world_to_camera: The given poses without it, [N, 4, 4]; the identity for the reference view.
-        turned: Root mean square, over the views, of a turn's share in each; 0 for a direction.
-        cost: Sum of Huber costs that is left, px².
+        left_px: What it leaves of tracks, root mean square per degree of freedom.
     """
 
-    kind: Steady
+    turns: bool
     by: F64
-    covariance: F64
-    is_clear: bool
+    error: float
     world_to_camera: F64
-    turned: float
-    cost: float
-
-    @property
-    def error(self) -> float:
-        """Get its standard error in the direction that is least sure, rad."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
+    left_px: float
 
 
 def steady_error(
@@ -85,45 +66,37 @@ def steady_error(
         size: Height and width of the views, px.
         huber_px: Residual from which on an observation counts less.
     """
-    group = cells(tracks, size)
-    found = (_of_kind(kind, tracks, world_to_camera, intrinsics, group, huber_px) for kind in Steady)
-    return min(found, key=lambda one: one.cost)
-
-
-def _of_kind(
-    kind: Steady, tracks: Tracks, world_to_camera: F64, intrinsics: F64, group: I64, huber_px: float
-) -> SteadyError:
-    sightings = Sightings.of(tracks, intrinsics)
+    sightings, group = Sightings.of(tracks, intrinsics), cells(tracks, size)
     relative = world_to_camera @ np.linalg.inv(world_to_camera[tracks.reference])
-    along = _along(relative, tracks.reference)
+    found = (_of_kind(turns, sightings, relative, group, huber_px) for turns in (True, False))
+    return min(found, key=lambda one: one.left_px)
+
+
+def _of_kind(turns: bool, sightings: Sightings, relative: F64, group: I64, huber_px: float) -> SteadyError:
+    along = _along(relative, sightings.reference)
+
+    def left(by: F64) -> F64:
+        return _left(_corrected(turns, relative, along, by), sightings, huber_px)
+
     by, prior = np.zeros(3), np.eye(3) / _PRIOR**2
+    # Two coordinates for each sighting, less the place of each point and its depth.
+    freedom = max(float(np.maximum(2 * sightings.seen.sum(axis=0) - 3, 0).sum()), 1.0)
     for _ in range(_STEPS):
-        errors = _left(_corrected(kind, relative, along, by), sightings, huber_px)
-        stepped = (
-            _left(_corrected(kind, relative, along, by + _DIFFERENCE * one), sightings, huber_px) for one in np.eye(3)
-        )
-        slopes = np.stack([(one - errors) / _DIFFERENCE for one in stepped], axis=-1)
+        errors = left(by)
+        slopes = np.stack([(left(by + _DIFFERENCE * one) - errors) / _DIFFERENCE for one in np.eye(3)], axis=-1)
         distance = np.linalg.norm(errors, axis=-1)
         weight = sightings.seen * huber_px / np.maximum(distance, huber_px)
-        # Two coordinates for each sighting, less the place of each point and its depth.
-        freedom = max(float(np.maximum(2 * sightings.seen.sum(axis=0) - 3, 0).sum()), 1.0)
         power = max(float((weight * distance**2).sum()) / freedom, np.finfo(np.float32).tiny)
         pull = np.einsum("npik,np,npi->pk", slopes, weight, errors) / power
         known = np.einsum("npik,np,npil->kl", slopes, weight, slopes) / power + prior
         by = by - np.linalg.solve(known, pull.sum(axis=0) + prior @ by)
     inverse = np.linalg.inv(known)
-    of_cells = np.stack([pull[group == one].sum(axis=0) for one in np.unique(group)])
-    covariance = _SHARED * (inverse + inverse @ (of_cells.T @ of_cells) @ inverse)
-    variances, ways = np.linalg.eigh(covariance)
+    of_cells = inverse @ np.stack([pull[group == one].sum(axis=0) for one in np.unique(group)], axis=1)
+    variances, ways = np.linalg.eigh(_SHARED * (inverse + of_cells @ of_cells.T))
     shares = by @ ways
-    told = np.square(shares) > _TOLD**2 * variances
-    is_clear = bool(told.any() and (np.square(shares) / variances).sum() > _CLEAR)
-    by = ways[:, told] @ shares[told]
-    corrected = _corrected(kind, relative, along, by)
-    left = np.linalg.norm(_left(corrected, sightings, huber_px), axis=-1)
-    cost = np.where(left < huber_px, left**2 / 2, huber_px * (left - huber_px / 2)).sum()
-    turned = float(np.sqrt(np.square(along - along.mean()).mean())) if kind == Steady.TURN else 0.0
-    return SteadyError(kind, by, covariance, is_clear, corrected, turned, float(cost))
+    by = ways @ np.where(np.abs(shares) > _TOLD * np.sqrt(variances), shares, 0.0)
+    corrected = _corrected(turns, relative, along, by)
+    return SteadyError(turns, by, float(np.sqrt(variances[-1])), corrected, float(np.sqrt(power)))
 
 
 def _along(relative: F64, reference: int) -> F64:
@@ -133,10 +106,10 @@ def _along(relative: F64, reference: int) -> F64:
     return np.asarray(along - along[reference])
 
 
-def _corrected(kind: Steady, relative: F64, along: F64, by: F64) -> F64:
+def _corrected(turns: bool, relative: F64, along: F64, by: F64) -> F64:
     """Return poses with another turn in step with the travel about the same centres, or another direction of travel."""
     poses, centres = relative.copy(), camera_centres(relative)
-    if kind == Steady.TURN:
+    if turns:
         poses[:, :3, :3] = Rotation.from_rotvec(along[:, None] * by).as_matrix() @ poses[:, :3, :3]
     else:
         centres = Rotation.from_rotvec(by).apply(centres)

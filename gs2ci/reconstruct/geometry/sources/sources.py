@@ -26,7 +26,7 @@ from gs2ci.reconstruct.geometry.initialise import (
 )
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
-from gs2ci.reconstruct.geometry.path.steady import Steady, SteadyError, steady_error
+from gs2ci.reconstruct.geometry.path.steady import SteadyError, steady_error
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import swept_along
@@ -87,14 +87,14 @@ def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Ge
     if intrinsics is None or len(tracks) < settings.criteria.tracks or path_extent(poses) == 0:
         return None
     steady = steady_error(tracks, poses, intrinsics, request.size, settings.motion.huber_px)
-    if not steady.is_clear:
+    if not steady.by.any():
         return None
     try:
         found = initialise(request.views, intrinsics, settings, Silent(), steady.world_to_camera, request.seen)
     except GeometryError:
         return None
     # A turn is an equal part of all points' parallax, whose median depth is 1.
-    unsure = steady.kind == Steady.TURN and steady.error > _UNSURE_TURN * path_extent(found.world_to_camera)
+    unsure = steady.turns and steady.error > _UNSURE_TURN * path_extent(found.world_to_camera)
     return None if unsure or found.pose_errors is None else (found, steady)
 
 
@@ -124,13 +124,13 @@ def _held(
         note = finding(Code.POSES_CONTRADICTED, source=source)
         return replace(found, pose_errors=errors, notes=(note, *found.notes))
     position = None if stated[0] is None or found.unit is None else stated[0] / found.unit
-    errors = errors_of_given(found.world_to_camera, found.intrinsics, position, None if steady else stated[1])
+    turn_deg = float(np.degrees(steady.error)) if steady is not None and steady.turns else stated[1]
+    errors = errors_of_given(found.world_to_camera, found.intrinsics, position, turn_deg)
     if steady is None:
         return replace(found, pose_errors=errors)
-    code = Code.POSES_TURN if steady.kind == Steady.TURN else Code.POSES_DIRECTION
-    angle, off = float(np.linalg.norm(steady.by)), steady.error
-    note = finding(code, source=source, angle_deg=float(np.degrees(angle)), error_deg=float(np.degrees(off)))
-    errors = replace(errors, rotation=float(np.hypot(errors.rotation, steady.turned * off)))
+    code = Code.POSES_TURN if steady.turns else Code.POSES_DIRECTION
+    angle_deg, error_deg = np.degrees([np.linalg.norm(steady.by), steady.error]).tolist()
+    note = finding(code, source=source, angle_deg=angle_deg, error_deg=error_deg)
     return replace(found, pose_errors=errors, notes=(note, *found.notes))
 
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.reconstruct.geometry.path.motion import predict_positions
-from gs2ci.reconstruct.geometry.path.steady import Steady, steady_error
+from gs2ci.reconstruct.geometry.path.steady import steady_error
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
 SIZE, VIEWS, REFERENCE = (96, 128), 9, 4
@@ -45,18 +45,17 @@ def test_a_turn_that_the_poses_lack_or_invent_is_found_and_taken_out(turn_deg, i
     turning, straight = path(turn_deg=turn_deg), path()
     true, given = (straight, turning) if invented else (turning, straight)
     error = found(true, given)
-    assert (error.kind, error.is_clear) == (Steady.TURN, True)
+    assert error.turns
     wanted = np.radians(turn_deg) * (-1 if invented else 1)
     # About the line of travel, nothing but the roll tells.
     assert np.allclose(error.by, wanted, atol=4 * error.error)
     assert error.error < np.radians(0.6)
     assert np.abs(error.world_to_camera - true)[:, :3, :3].max() < 3 * error.error
-    assert error.turned == pytest.approx(np.std(np.linspace(-0.5, 0.5, VIEWS)), rel=0.05)
 
 
 def test_another_direction_of_travel_is_found_and_taken_out():
     error = found(path(direction_deg=(0, 0, 10)), path())
-    assert (error.kind, error.is_clear, error.turned) == (Steady.DIRECTION, True, 0)
+    assert not error.turns
     travelled = camera_centres(error.world_to_camera)[-1]
     assert np.degrees(np.arctan2(travelled[1], travelled[0])) == pytest.approx(10, abs=1)
 
@@ -73,29 +72,24 @@ def test_the_unit_and_the_frame_of_given_poses_do_not_matter():
 def test_its_stated_error_is_that_of_repeated_tracks_times_what_neighbours_share():
     """The variance is three times that of independent errors, and counted twice: by residuals and by cells."""
     errors = [found(path((6, 6, 6)), path(), seed=seed) for seed in range(30)]
-    assert all(error.is_clear and error.kind == Steady.TURN for error in errors)
-    spread = np.std([error.by for error in errors], axis=0)
-    stated = np.sqrt(np.mean([np.diag(error.covariance) for error in errors], axis=0))
-    assert np.all(stated / spread > 1.5)
-    assert np.all(stated / spread < 4.5)
+    assert all(error.turns for error in errors)
+    least_sure = np.sqrt(np.linalg.eigvalsh(np.cov(np.transpose([error.by for error in errors])))[-1])
+    assert 1.5 < np.mean([error.error for error in errors]) / least_sure < 4.5
 
 
 def test_poses_without_such_an_error_stay_as_they_are():
     errors = [found(path(), path(), seed=seed) for seed in range(30)]
-    assert not any(error.is_clear for error in errors)
-    assert np.count_nonzero([error.by.any() for error in errors]) <= 1
+    assert not any(error.by.any() for error in errors)
 
 
 def test_what_tracks_do_not_tell_of_a_turn_is_left():
     """The roll shows in any picture; a turn to the side hardly does beside other depths."""
     error = found(path((0, 0, 2.0)), path(), noise_px=0.5)
-    assert error.is_clear
     assert np.degrees(error.by) == pytest.approx([0, 0, 2.0], abs=0.5)
     assert np.degrees(np.abs(error.by[:2])).max() < 0.2 < np.degrees(error.error)
 
 
 def test_a_single_point_tells_nothing():
     error = found(path((0, 3, 0)), path(), points=1)
-    assert not error.is_clear
-    assert np.isfinite(error.by).all()
+    assert not error.by.any()
     assert error.error <= 0.2 * 3**0.5 + 1e-6
