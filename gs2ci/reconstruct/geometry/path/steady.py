@@ -32,6 +32,7 @@ _STEPS, _DIFFERENCE = 5, 1e-4
 _SHARED: Final = 3.0
 # A combination of the three numbers is there if it is so many standard errors from zero; otherwise the poses stand.
 _TOLD: Final = 3.5
+_LEAST: Final = float(np.finfo(np.float32).tiny)  # of squares of px, so that tracks without an error divide
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def _of_kind(turns: bool, sightings: Sightings, relative: F64, group: I64, huber
         slopes = np.stack([(left(by + _DIFFERENCE * one) - errors) / _DIFFERENCE for one in np.eye(3)], axis=-1)
         distance = np.linalg.norm(errors, axis=-1)
         weight = sightings.seen * huber_px / np.maximum(distance, huber_px)
-        power = max(float((weight * distance**2).sum()) / freedom, np.finfo(np.float32).tiny)
+        power = max(float((weight * distance**2).sum()) / freedom, _LEAST)
         pull = np.einsum("npik,np,npi->pk", slopes, weight, errors) / power
         known = np.einsum("npik,np,npil->kl", slopes, weight, slopes) / power + prior
         by = by - np.linalg.solve(known, pull.sum(axis=0) + prior @ by)
@@ -96,7 +97,7 @@ def _of_kind(turns: bool, sightings: Sightings, relative: F64, group: I64, huber
     shares = by @ ways
     by = ways @ np.where(np.abs(shares) > _TOLD * np.sqrt(variances), shares, 0.0)
     corrected = _corrected(turns, relative, along, by)
-    return SteadyError(turns, by, float(np.sqrt(variances[-1])), corrected, float(np.sqrt(power)))
+    return SteadyError(turns, by, float(variances[-1]) ** 0.5, corrected, power**0.5)
 
 
 def _along(relative: F64, reference: int) -> F64:

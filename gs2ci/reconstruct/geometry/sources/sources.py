@@ -129,8 +129,8 @@ def _held(
     if steady is None:
         return replace(found, pose_errors=errors)
     code = Code.POSES_TURN if steady.turns else Code.POSES_DIRECTION
-    angle_deg, error_deg = np.degrees([np.linalg.norm(steady.by), steady.error]).tolist()
-    note = finding(code, source=source, angle_deg=angle_deg, error_deg=error_deg)
+    angle_deg = float(np.degrees(np.linalg.norm(steady.by)))
+    note = finding(code, source=source, angle_deg=angle_deg, error_deg=float(np.degrees(steady.error)))
     return replace(found, pose_errors=errors, notes=(note, *found.notes))
 
 
