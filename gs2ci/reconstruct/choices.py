@@ -70,8 +70,8 @@ class LeftOut(StrEnum):
     REPEATS_DECODED_TOGETHER = "repeats decoded together"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"
-    STEADY_ERRORS_OF_POSES = "steady errors of poses"
     TRACKS_SOUGHT_TWICE = "tracks sought twice"
+    TURN_OF_GIVEN_POSES = "turn of given poses"
     WIDE_MATCHES = "wide matches"
 
 

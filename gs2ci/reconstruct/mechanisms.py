@@ -67,7 +67,7 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.ADJUSTMENT_OF_POINTS: "points may leave the rays of their corners in a second bundle adjustment",
     },
     "given-poses": {
-        LeftOut.STEADY_ERRORS_OF_POSES: "a turn or a direction that given poses lack all along the path is taken out",
+        LeftOut.TURN_OF_GIVEN_POSES: "given poses that tracks contradict get the turn with the travel that they lack",
     },
     "small-motions": {
         LeftOut.REST_FROM_THE_MEASUREMENT: "a camera at rest is recognised in the measurement before any decode",

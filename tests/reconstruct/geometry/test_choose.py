@@ -168,16 +168,6 @@ def test_a_turn_that_the_camera_did_not_make_is_taken_out_of_a_stages_poses_and_
     assert not found.pose_errors.contradicted
 
 
-def test_another_direction_of_travel_is_taken_out_of_a_files_poses_and_said(request_for, camera_file, scene):
-    turn = Rotation.from_rotvec((0, 0, 20), degrees=True).as_matrix()
-    aside = scene.poses.copy()
-    centres = np.linalg.inv(scene.poses)[:, :3, 3] @ turn.T
-    aside[:, :3, 3] = -np.einsum("nij,nj->ni", aside[:, :3, :3], centres)
-    found = find(camera_file(aside), request_for())
-    assert [note.code for note in found.notes] == [Code.POSES_DIRECTION]
-    assert same_path(found, scene.poses, 0.03)
-
-
 def test_a_files_poses_are_held_as_closely_as_a_stages_but_settle_no_order(request_for, camera_file, scene):
     found = find(camera_file(), request_for())
     assert not found.order_given

@@ -26,8 +26,8 @@ from gs2ci.reconstruct.geometry.initialise import (
 )
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
-from gs2ci.reconstruct.geometry.path.steady import SteadyError, steady_error
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
+from gs2ci.reconstruct.geometry.path.turning import Turning, turning
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import swept_along
 from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
@@ -46,21 +46,19 @@ def from_stage(request: Request, progress: Progress) -> Geometry:
     unless it turned by exactly as much as the reversal requires.
     """
     poses = poses_of_stage(request.shot)
-    found, steady = _along(request, poses, request.intrinsics, progress)
+    found, turn = _along(request, poses, request.intrinsics, progress)
     if not found.tracks:
         found = _without_tracks(request, poses, found)
     stated = stated_error(request.shot, "position_error"), stated_error(request.shot, "turn_error_deg")
-    held = _held(found, PathSource.STAGE, steady, stated)
+    held = _held(found, PathSource.STAGE, turn, stated)
     return replace(held, order_given=held.has_path)
 
 
-def _along(
-    request: Request, poses: F64, intrinsics: F64 | None, progress: Progress
-) -> tuple[Geometry, SteadyError | None]:
-    """Find the geometry along given poses, [N, 4, 4], or along those without an error that explains all contradictions.
+def _along(request: Request, poses: F64, intrinsics: F64 | None, progress: Progress) -> tuple[Geometry, Turning | None]:
+    """Find the geometry along given poses, [N, 4, 4], or with a turn in step with the travel, if they lack one.
 
     Returns:
-        The geometry, and the error that was taken out.
+        The geometry, and the turn.
 
     Raises:
         GeometryError: The poses contradict the tracks.
@@ -78,30 +76,30 @@ def _along(
     return (found, None) if corrected is None else corrected
 
 
-def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Geometry, SteadyError] | None:
-    """Take out of poses that tracks contradict an error alike all along the path, if tracks bear out what is left."""
+def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Geometry, Turning] | None:
+    """Find the geometry with the turn that poses lack, if tracks tell one and bear out what it makes of them."""
     settings = request.settings
-    if LeftOut.STEADY_ERRORS_OF_POSES in settings.left_out:
+    if LeftOut.TURN_OF_GIVEN_POSES in settings.left_out:
         return None
     tracks = usable_tracks(request.views, settings, request.seen)
     if intrinsics is None or len(tracks) < settings.criteria.tracks or path_extent(poses) == 0:
         return None
-    steady = steady_error(tracks, poses, intrinsics, request.size, settings.motion.huber_px)
-    if not steady.by.any():
+    turn = turning(tracks, poses, intrinsics, request.size, settings.motion.huber_px)
+    if not turn.by.any():
         return None
     try:
-        found = initialise(request.views, intrinsics, settings, Silent(), steady.world_to_camera, request.seen)
+        found = initialise(request.views, intrinsics, settings, Silent(), turn.world_to_camera, request.seen)
     except GeometryError:
         return None
     # A turn is an equal part of all points' parallax, whose median depth is 1.
-    unsure = steady.turns and steady.error > _UNSURE_TURN * path_extent(found.world_to_camera)
-    return None if unsure or found.pose_errors is None else (found, steady)
+    unsure = turn.error > _UNSURE_TURN * path_extent(found.world_to_camera)
+    return None if unsure or found.pose_errors is None else (found, turn)
 
 
 def _held(
     found: Geometry,
     source: PathSource,
-    steady: SteadyError | None = None,
+    turn: Turning | None = None,
     stated: tuple[float | None, float | None] = (None, None),
 ) -> Geometry:
     """Add the standard errors of given poses, within which the fit refines them, and what is said of their errors.
@@ -111,7 +109,7 @@ def _held(
     Args:
         found: With given poses.
         source: Who gave them.
-        steady: What was taken out of them.
+        turn: What they lacked.
         stated: Standard errors of positions, in their unit, and of a turn in step with the travel, degrees; None if
             they are not stated.
     """
@@ -124,13 +122,12 @@ def _held(
         note = finding(Code.POSES_CONTRADICTED, source=source)
         return replace(found, pose_errors=errors, notes=(note, *found.notes))
     position = None if stated[0] is None or found.unit is None else stated[0] / found.unit
-    turn_deg = float(np.degrees(steady.error)) if steady is not None and steady.turns else stated[1]
+    turn_deg = stated[1] if turn is None else float(np.degrees(turn.error))
     errors = errors_of_given(found.world_to_camera, found.intrinsics, position, turn_deg)
-    if steady is None:
+    if turn is None:
         return replace(found, pose_errors=errors)
-    code = Code.POSES_TURN if steady.turns else Code.POSES_DIRECTION
-    angle_deg = float(np.degrees(np.linalg.norm(steady.by)))
-    note = finding(code, source=source, angle_deg=angle_deg, error_deg=float(np.degrees(steady.error)))
+    angle_deg = float(np.degrees(np.linalg.norm(turn.by)))
+    note = finding(Code.POSES_TURN, source=source, angle_deg=angle_deg, error_deg=float(np.degrees(turn.error)))
     return replace(found, pose_errors=errors, notes=(note, *found.notes))
 
 
@@ -184,13 +181,13 @@ def from_file(path: Path, request: Request, progress: Progress) -> Geometry:
     if request.lens is not None:
         cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
     poses = cameras.world_to_camera
-    found, steady = _along(request, poses, cameras.intrinsics, progress)
+    found, turn = _along(request, poses, cameras.intrinsics, progress)
     # One view shows no depth, even within a known range.
     if not found.has_path and len(cameras.points) and len(poses) > 1:
         found = swept_between_points(request, cameras, found)
     elif not found.tracks:
         found = _without_tracks(request, poses, found)
-    held = _held(found, PathSource.FILE, steady)
+    held = _held(found, PathSource.FILE, turn)
     return replace(held, notes=(*notes, *held.notes))
 
 

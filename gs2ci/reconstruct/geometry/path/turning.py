@@ -1,11 +1,11 @@
-"""Errors of given poses that are alike all along a path: a turn in step with the travel, or another direction of it.
+"""A turn in step with the travel that given poses lack or invent: three numbers, which all tracks together tell.
 
-A stage reports positions. That its camera turns on the way, or travels in another direction than its mount says, moves
-a picture nearly as another depth does: a turn by all inverse depths alike, and only beyond that by the square of the
-field of view. So few numbers are asked for, and all tracks together answer: three for the turn from the first view to
-the last, or three for the direction. The depth of each point and its place in the reference view are eliminated, since
-they are not known. Here: these numbers with their covariance, and the poses corrected by them. Not here: whether given
-poses are contradicted (`halves`), what is done about it (`sources.sources`).
+A stage reports positions. That its camera turns on the way moves a picture nearly as another depth does: all inverse
+depths alike, and only beyond that by the square of the field of view. So nothing but the turn from the first view to
+the last is asked for. The depth of each point and its place in the reference view are eliminated, since they are not
+known. Here: the turn with its error, and the poses corrected by it. Not here: whether given poses are contradicted
+(`halves`), what is done about it (`sources.sources`), another direction of travel, which tracks take for a turn and
+the other way round.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import F64, I64
+from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.geometry.path.adjustment_kernels import LEAST_RELATIVE_DEPTH
 from gs2ci.reconstruct.geometry.path.halves import cells
@@ -22,7 +22,7 @@ from gs2ci.reconstruct.geometry.path.motion import Sightings
 from gs2ci.reconstruct.geometry.path.telemetry import triangulate
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
-# What is known of them beforehand, rad: keeps what tracks do not tell (a turn about the line of travel) near zero.
+# What is known of a turn beforehand, rad: keeps what tracks do not tell near zero.
 _PRIOR: Final = 0.2
 # Gauss-Newton on a few numbers that are nearly linear; derivatives by differences of so much, rad.
 _STEPS, _DIFFERENCE = 5, 1e-4
@@ -36,29 +36,23 @@ _LEAST: Final = float(np.finfo(np.float32).tiny)  # of squares of px, so that tr
 
 
 @dataclass(frozen=True)
-class SteadyError:
-    """An error of given poses, as tracks show it.
+class Turning:
+    """A turn that given poses lack, as tracks show it.
 
     Args:
-        turns: Whether it is a turn in step with the travel, and not its direction.
-        by: As a rotation vector, rad, [3], in the axes of the reference camera: from the first view to the last, or of
-            the direction of travel. What tracks do not tell of it is zero.
+        by: From the first view to the last, as a rotation vector in the axes of the reference camera, rad, [3]. What
+            tracks do not tell of it is zero.
         error: Standard error in the direction that is least sure, rad.
-        world_to_camera: The given poses without it, [N, 4, 4]; the identity for the reference view.
-        left_px: What it leaves of tracks, root mean square per degree of freedom.
+        world_to_camera: The given poses with it, [N, 4, 4]; the identity for the reference view.
     """
 
-    turns: bool
     by: F64
     error: float
     world_to_camera: F64
-    left_px: float
 
 
-def steady_error(
-    tracks: Tracks, world_to_camera: F64, intrinsics: F64, size: tuple[int, int], huber_px: float
-) -> SteadyError:
-    """Find the error of given poses, alike all along the path, that explains tracks best.
+def turning(tracks: Tracks, world_to_camera: F64, intrinsics: F64, size: tuple[int, int], huber_px: float) -> Turning:
+    """Find the turn in step with the travel of given poses that explains tracks best.
 
     Args:
         tracks: At least one point.
@@ -69,22 +63,24 @@ def steady_error(
     """
     sightings, group = Sightings.of(tracks, intrinsics), cells(tracks, size)
     relative = world_to_camera @ np.linalg.inv(world_to_camera[tracks.reference])
-    found = (_of_kind(turns, sightings, relative, group, huber_px) for turns in (True, False))
-    return min(found, key=lambda one: one.left_px)
+    centres = camera_centres(relative)
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), _LEAST)
+    along -= along[tracks.reference]
 
-
-def _of_kind(turns: bool, sightings: Sightings, relative: F64, group: I64, huber_px: float) -> SteadyError:
-    along = _along(relative, sightings.reference)
-
-    def left(by: F64) -> F64:
-        return _left(_corrected(turns, relative, along, by), sightings, huber_px)
+    def turned(by: F64) -> F64:
+        poses = relative.copy()
+        poses[:, :3, :3] = Rotation.from_rotvec(along[:, None] * by).as_matrix() @ relative[:, :3, :3]
+        poses[:, :3, 3] = -np.einsum("nij,nj->ni", poses[:, :3, :3], centres)
+        return poses
 
     by, prior = np.zeros(3), np.eye(3) / _PRIOR**2
     # Two coordinates for each sighting, less the place of each point and its depth.
     freedom = max(float(np.maximum(2 * sightings.seen.sum(axis=0) - 3, 0).sum()), 1.0)
     for _ in range(_STEPS):
-        errors = left(by)
-        slopes = np.stack([(left(by + _DIFFERENCE * one) - errors) / _DIFFERENCE for one in np.eye(3)], axis=-1)
+        errors = _left(turned(by), sightings, huber_px)
+        more = (_left(turned(by + _DIFFERENCE * one), sightings, huber_px) for one in np.eye(3))
+        slopes = np.stack([(one - errors) / _DIFFERENCE for one in more], axis=-1)
         distance = np.linalg.norm(errors, axis=-1)
         weight = sightings.seen * huber_px / np.maximum(distance, huber_px)
         power = max(float((weight * distance**2).sum()) / freedom, _LEAST)
@@ -96,26 +92,7 @@ def _of_kind(turns: bool, sightings: Sightings, relative: F64, group: I64, huber
     variances, ways = np.linalg.eigh(_SHARED * (inverse + of_cells @ of_cells.T))
     shares = by @ ways
     by = ways @ np.where(np.abs(shares) > _TOLD * np.sqrt(variances), shares, 0.0)
-    corrected = _corrected(turns, relative, along, by)
-    return SteadyError(turns, by, float(variances[-1]) ** 0.5, corrected, power**0.5)
-
-
-def _along(relative: F64, reference: int) -> F64:
-    """Return how far each view is along the path, as a share of it, counted from the reference, [N]."""
-    steps = np.linalg.norm(np.diff(camera_centres(relative), axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), np.finfo(np.float64).tiny)
-    return np.asarray(along - along[reference])
-
-
-def _corrected(turns: bool, relative: F64, along: F64, by: F64) -> F64:
-    """Return poses with another turn in step with the travel about the same centres, or another direction of travel."""
-    poses, centres = relative.copy(), camera_centres(relative)
-    if turns:
-        poses[:, :3, :3] = Rotation.from_rotvec(along[:, None] * by).as_matrix() @ poses[:, :3, :3]
-    else:
-        centres = Rotation.from_rotvec(by).apply(centres)
-    poses[:, :3, 3] = -np.einsum("nij,nj->ni", poses[:, :3, :3], centres)
-    return poses
+    return Turning(by, float(variances[-1]) ** 0.5, turned(by))
 
 
 def _left(poses: F64, sightings: Sightings, huber_px: float) -> F64:
