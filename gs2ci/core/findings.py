@@ -205,7 +205,6 @@ class Code(StrEnum):
     POSES_NOT_BORNE_OUT = auto()
     POSES_NOT_TAKEN = auto()
     POSES_UNCHECKED = auto()
-    POSES_TURN = auto()
     POSES_CONTRADICTED = auto()
     POSES_MOVED = auto()
     DEPTH_RANGE_FOUND = auto()

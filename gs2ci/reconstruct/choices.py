@@ -71,7 +71,6 @@ class LeftOut(StrEnum):
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"
     TRACKS_SOUGHT_TWICE = "tracks sought twice"
-    TURN_OF_GIVEN_POSES = "turn of given poses"
     WIDE_MATCHES = "wide matches"
 
 

@@ -66,9 +66,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.TRACKS_SOUGHT_TWICE: "tracks are sought again where a rough depth map predicts them",
         LeftOut.ADJUSTMENT_OF_POINTS: "points may leave the rays of their corners in a second bundle adjustment",
     },
-    "given-poses": {
-        LeftOut.TURN_OF_GIVEN_POSES: "given poses that tracks contradict get the turn with the travel that they lack",
-    },
     "small-motions": {
         LeftOut.REST_FROM_THE_MEASUREMENT: "a camera at rest is recognised in the measurement before any decode",
         LeftOut.DISPLACEMENTS: "the path that explains displacements of blocks of the measurement replaces worse ones",

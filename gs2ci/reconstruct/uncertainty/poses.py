@@ -66,10 +66,10 @@ def errors_of_poses(
     middle = everywhere.mean(axis=0)
     own, far, all_far = (np.linalg.norm(one, axis=1) for one in (moved, centres - middle, everywhere - middle))
     length = max(rms_of(own), _LEAST)
+    if given:
+        return position, np.hypot(rotation, turns[1] * own / length)
     # Both show the one freedom: halves, where tracks leave it open more than readings do at best.
     in_step = np.minimum(np.maximum(turns[0] * far, turns[1] * own) / length, np.pi)
-    if given:
-        return position, np.hypot(rotation, in_step)
     # It bends all paths as one, so that the middle errs no less than the ends.
     bend = min(turns[0] * rms_of(all_far) / length, np.pi)
     place = factors.out_of_step * middle_depth * max(*turns, bend)

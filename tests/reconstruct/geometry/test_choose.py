@@ -144,30 +144,6 @@ def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_s
     assert [note.code for note in found.notes] == [Code.POSES_CONTRADICTED]
 
 
-def turning(poses, whole_deg):
-    """The same places, and a turn to the side in step with them that the camera did not make."""
-    steps = np.linalg.norm(np.diff(np.linalg.inv(poses)[:, :3, 3], axis=0), axis=1)
-    along = np.cumsum([0, *steps]) / steps.sum() - 0.5
-    turns = np.tile(np.eye(4), (len(poses), 1, 1))
-    turns[:, :3, :3] = Rotation.from_rotvec(along[:, None] * (0, whole_deg, 0), degrees=True).as_matrix()
-    return turns @ poses
-
-
-@pytest.mark.parametrize("turn_deg", [3.0, -8.0])
-def test_a_turn_that_the_camera_did_not_make_is_taken_out_of_a_stages_poses_and_said(request_for, scene, turn_deg):
-    """The larger one would put most of the scene at infinity or behind the camera."""
-    found = find("auto", request_for(telemetry_world_to_camera=turning(scene.poses, turn_deg)))
-    assert (found.source, found.verdict, found.order_given) == ("stage", "full", True)
-    assert [note.code for note in found.notes] == [Code.SOURCE_CHOSEN, Code.POSES_TURN]
-    assert found.notes[1].figures["angle_deg"] == pytest.approx(abs(turn_deg), abs=0.3)
-    left = Rotation.from_matrix(found.world_to_camera[:, :3, :3] @ scene.poses[:, :3, :3].transpose(0, 2, 1))
-    assert np.degrees(left.magnitude()).max() < 0.2
-    assert np.median(found.unit / found.inverse_depth * scene.inverse_depth) == pytest.approx(1, abs=0.05)
-    exact = errors_of_given(found.world_to_camera, found.intrinsics)
-    assert found.pose_errors.rotation > exact.rotation
-    assert not found.pose_errors.contradicted
-
-
 def test_a_files_poses_are_held_as_closely_as_a_stages_but_settle_no_order(request_for, camera_file, scene):
     found = find(camera_file(), request_for())
     assert not found.order_given

@@ -57,11 +57,13 @@ class PoseErrors:
         position: Of a camera's centre, in the unit of the poses.
         rotation: Of its orientation, rad.
         contradicted: Whether tracks contradict the poses.
+        turn: Of a turn in step with the travel, standard deviation over the views, rad; a part of `rotation`.
     """
 
     position: float
     rotation: float
     contradicted: bool = False
+    turn: float = 0.0
 
     def loosened(self) -> "PoseErrors":
         """Get larger standard errors, for poses that tracks contradict.
@@ -110,8 +112,9 @@ def errors_of_given(
             stated.
     """
     position = position_error if position_error is not None else UNSTATED_SHARE * path_extent(world_to_camera)
-    in_step = 0.0 if turn_error_deg is None else np.radians(turn_error_deg) * _IN_STEP
-    return PoseErrors(max(position, _LEAST_ERROR), float(np.hypot(_TURN_PX / intrinsics[0, 0], in_step)))
+    turn = 0.0 if turn_error_deg is None else float(np.radians(turn_error_deg)) * _IN_STEP
+    rotation = float(np.hypot(_TURN_PX / intrinsics[0, 0], turn))
+    return PoseErrors(max(position, _LEAST_ERROR), rotation, turn=turn)
 
 
 def movement(before: F64, after: F64) -> Moved:
@@ -149,7 +152,7 @@ def place_points(
     relative = world_to_camera @ np.linalg.inv(world_to_camera[tracks.reference])
     rotations, translations = relative[:, :3, :3], relative[:, :3, 3]
     sightings = Sightings.of(tracks, intrinsics)
-    inverse_depth = triangulate(rotations, translations, sightings, huber_px)
+    inverse_depth = _triangulate(rotations, translations, sightings, huber_px)
     unit = float(np.median(inverse_depth))
     if not np.isfinite(unit) or unit <= 0:
         raise GeometryError(
@@ -172,7 +175,7 @@ def place_points(
     return with_errors(points, Sightings.of(kept, intrinsics)), kept
 
 
-def triangulate(rotations: F64, translations: F64, sightings: Sightings, huber_px: float) -> F64:
+def _triangulate(rotations: F64, translations: F64, sightings: Sightings, huber_px: float) -> F64:
     """Solve for the inverse depth of each point, [P].
 
     A view at R, t sees the ray d at inverse depth ρ in (X + t ρ), X = R d, so that

@@ -8,33 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import path_extent
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import (
     Geometry,
     before_camera_at_rest,
     initialise,
     measured,
-    usable_tracks,
 )
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
-from gs2ci.reconstruct.geometry.path.turning import Turning, turning
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import swept_along
 from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.sources.wide import ahead_of, wide_motion
 
-# A turn that is less sure than this share of the parallax is no correction: another path is sought, without a unit.
-_UNSURE_TURN: Final = 0.3
 # From this relative difference on, the report mentions that two focal lengths differ.
 _FOCAL_DOUBT: Final = 0.05
 
@@ -46,72 +38,24 @@ def from_stage(request: Request, progress: Progress) -> Geometry:
     unless it turned by exactly as much as the reversal requires.
     """
     poses = poses_of_stage(request.shot)
-    found, turn = _along(request, poses, request.intrinsics, progress)
+    found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
     if not found.tracks:
         found = _without_tracks(request, poses, found)
-    stated = stated_error(request.shot, "position_error"), stated_error(request.shot, "turn_error_deg")
-    held = _held(found, PathSource.STAGE, turn, stated)
+    shot = request.shot
+    held = _held(found, PathSource.STAGE, stated_error(shot, "position_error"), stated_error(shot, "turn_error_deg"))
     return replace(held, order_given=held.has_path)
 
 
-def _along(request: Request, poses: F64, intrinsics: F64 | None, progress: Progress) -> tuple[Geometry, Turning | None]:
-    """Find the geometry along given poses, [N, 4, 4], or with a turn in step with the travel, if they lack one.
-
-    Returns:
-        The geometry, and the turn.
-
-    Raises:
-        GeometryError: The poses contradict the tracks.
-    """
-    try:
-        found = initialise(request.views, intrinsics, request.settings, progress, poses, request.seen)
-    except GeometryError:
-        corrected = _corrected(request, poses, intrinsics)
-        if corrected is None:
-            raise
-        return corrected
-    if found.tracks == 0 or found.pose_errors is not None:
-        return found, None
-    corrected = _corrected(request, poses, found.intrinsics)
-    return (found, None) if corrected is None else corrected
-
-
-def _corrected(request: Request, poses: F64, intrinsics: F64 | None) -> tuple[Geometry, Turning] | None:
-    """Find the geometry with the turn that poses lack, if tracks tell one and bear out what it makes of them."""
-    settings = request.settings
-    if LeftOut.TURN_OF_GIVEN_POSES in settings.left_out:
-        return None
-    tracks = usable_tracks(request.views, settings, request.seen)
-    if intrinsics is None or len(tracks) < settings.criteria.tracks or path_extent(poses) == 0:
-        return None
-    turn = turning(tracks, poses, intrinsics, request.size, settings.motion.huber_px)
-    if not turn.by.any():
-        return None
-    try:
-        found = initialise(request.views, intrinsics, settings, Silent(), turn.world_to_camera, request.seen)
-    except GeometryError:
-        return None
-    # A turn is an equal part of all points' parallax, whose median depth is 1.
-    unsure = turn.error > _UNSURE_TURN * path_extent(found.world_to_camera)
-    return None if unsure or found.pose_errors is None else (found, turn)
-
-
-def _held(
-    found: Geometry,
-    source: PathSource,
-    turn: Turning | None = None,
-    stated: tuple[float | None, float | None] = (None, None),
-) -> Geometry:
-    """Add the standard errors of given poses, within which the fit refines them, and what is said of their errors.
+def _held(found: Geometry, source: PathSource, error: float | None = None, turn_deg: float | None = None) -> Geometry:
+    """Add the standard errors of given poses, within which the fit refines them, and whether tracks contradict them.
 
     Without them a fit of a small motion exchanges turning for travel, which views hardly show.
 
     Args:
         found: With given poses.
         source: Who gave them.
-        turn: What they lacked.
-        stated: Standard errors of positions, in their unit, and of a turn in step with the travel, degrees; None if
-            they are not stated.
+        error: Standard error of positions in their unit; None if it is not stated.
+        turn_deg: Of a turn in step with the travel; None if it is not stated.
     """
     found = replace(found, source=source)
     if not found.has_path:
@@ -121,14 +65,8 @@ def _held(
         errors = errors_of_given(found.world_to_camera, found.intrinsics).loosened()
         note = finding(Code.POSES_CONTRADICTED, source=source)
         return replace(found, pose_errors=errors, notes=(note, *found.notes))
-    position = None if stated[0] is None or found.unit is None else stated[0] / found.unit
-    turn_deg = stated[1] if turn is None else float(np.degrees(turn.error))
-    errors = errors_of_given(found.world_to_camera, found.intrinsics, position, turn_deg)
-    if turn is None:
-        return replace(found, pose_errors=errors)
-    angle_deg = float(np.degrees(np.linalg.norm(turn.by)))
-    note = finding(Code.POSES_TURN, source=source, angle_deg=angle_deg, error_deg=float(np.degrees(turn.error)))
-    return replace(found, pose_errors=errors, notes=(note, *found.notes))
+    position = None if error is None or found.unit is None else error / found.unit
+    return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position, turn_deg))
 
 
 def from_displacements(request: Request, progress: Progress) -> Geometry:
@@ -181,13 +119,13 @@ def from_file(path: Path, request: Request, progress: Progress) -> Geometry:
     if request.lens is not None:
         cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
     poses = cameras.world_to_camera
-    found, turn = _along(request, poses, cameras.intrinsics, progress)
+    found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
     # One view shows no depth, even within a known range.
     if not found.has_path and len(cameras.points) and len(poses) > 1:
         found = swept_between_points(request, cameras, found)
     elif not found.tracks:
         found = _without_tracks(request, poses, found)
-    held = _held(found, PathSource.FILE, turn)
+    held = _held(found, PathSource.FILE)
     return replace(held, notes=(*notes, *held.notes))
 
 
