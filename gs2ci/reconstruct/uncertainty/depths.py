@@ -17,7 +17,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import relative_to
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth, turned
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 from gs2ci.render.places import work_place
 
@@ -144,7 +144,8 @@ def movement(
 
 def _moving(motion: F64, points: Sequence[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
     """Return where a camera, [4, 4], sees points, and how this moves as depth grows by a share: slopes, NaN behind."""
-    along = turned(motion, points)
+    x, y, z = points
+    along = [right * x + down * y + ahead * z for right, down, ahead in motion[:3, :3].tolist()]
     depth = along[2] + float(motion[2, 3])
     ahead = torch.where(depth > 0, depth, torch.nan)
     at = [(along[axis] + float(motion[axis, 3])) / ahead for axis in (0, 1)]
