@@ -146,6 +146,11 @@ class Section:
     rig: str | None = None
     temperature_c: float | None = None
 
+    @property
+    def known(self) -> Bool:
+        """Get at which pixels a section of masks knows their transmission, [H, W]."""
+        return self.arrays["valid"] > 0 if "valid" in self.arrays else np.ones(self.array("masks").shape[1:], np.bool_)
+
     def number(self, name: str) -> float:
         """Return a single estimate's value."""
         return float(self.estimates[name])

@@ -122,7 +122,7 @@ def probe_mask(bench: Bench, masks: Section) -> Probe:
         CalibrationError: Too little light to decide.
         DriverError: A device failed.
     """
-    valid = masks.arrays["valid"] > 0 if "valid" in masks.arrays else np.ones(bench.size, np.bool_)
+    valid = masks.known
     known, leakage = (masks.array(name).astype(np.float64) for name in ("masks", "contrast"))
     spreads = np.array([mask[valid].std() for mask in known])
     index = int(np.argmax(spreads >= STRUCTURED * spreads.max()))

@@ -16,6 +16,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
 
 _SHOT_FILES: Final = (".h5", ".hdf5")
+# Of a stage's positions, in any unit from nm to km.
+_ERROR_RANGE: Final = (1e-9, 1e9)
 
 if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
@@ -71,6 +73,9 @@ def import_file(
     *,
     truth: ArrayOrFile = None,
     poses: ArrayOrFile = None,
+    stage: str | Path | None = None,
+    stage_axes: tuple[str, ...] = ("right", "down", "ahead"),
+    stage_error: float | None = None,
     intrinsics: ArrayOrFile = None,
     focal_px: float | None = None,
     distortion: Sequence[float] = (),
@@ -98,6 +103,13 @@ def import_file(
         masks: Masks, if they are in a separate file, or a folder of PNG or TIFF pictures.
         truth: True views, or their file, for scoring only.
         poses: True poses, or their file, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
+        stage: Log of the stage that carried the camera, from which a reconstruction begins: a CSV file with one row
+            for each mask, columns named x_mm, y_mm, z_mm; or one array in .npy, .npz or .mat: positions [N, 3], or
+            world-to-camera poses [N, 4, 4].
+        stage_axes: Which way the camera goes as x, y and z of the log grow: three of right, left, down, up, ahead and
+            back.
+        stage_error: Standard error of these positions, in mm, or in their own unit if no column names it; by default
+            1 % of the path.
         intrinsics: Camera matrix: a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5); in Python an
             array as well.
         focal_px: Focal length in pixels, with the principal point at the centre.
@@ -133,7 +145,9 @@ def import_file(
         >>> len(imported.shots), len(imported.guesses) > 0
         (1, True)
     """
-    check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
+    check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion, stage_error)
+    if stage is None and (stage_error is not None or tuple(stage_axes) != ("right", "down", "ahead")):
+        raise InputError("--stage-axes or --stage-error without --stage", remedy="give the stage's log by --stage")
     from gs2ci.core.foreign import curves, pixels
     from gs2ci.core.foreign.assemble import import_shots
     from gs2ci.core.foreign.container import Array
@@ -165,6 +179,9 @@ def import_file(
         intrinsics=_given("--intrinsics", intrinsics),
         world_to_camera=_given("--poses", poses),
         truth=_given("--truth", truth),
+        stage=None if stage is None else _place(stage),
+        stage_axes=tuple(stage_axes),
+        stage_error=stage_error,
     )
     return import_shots(_place(path), None if masks is None else _place(masks), options)
 
@@ -177,6 +194,7 @@ def check_imports(
     saturation: float | None,
     views: int | None,
     distortion: Sequence[float],
+    stage_error: float | None = None,
 ) -> None:
     """Check the numbers given for a foreign file.
 
@@ -189,6 +207,7 @@ def check_imports(
         check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
     check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
     check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
+    check_number("--stage-error", stage_error, *_ERROR_RANGE)
     if not isinstance(distortion, Iterable):
         raise InputError(
             f"--distortion {distortion}",

@@ -32,6 +32,8 @@ def run(
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
     truth: Path | None = None,
     poses: Path | None = None,
+    stage: Path | None = None,
+    stage_axes: tuple[str, str, str] = ("right", "down", "ahead"),
     intrinsics: tuple[str, ...] = (),
     distortion: tuple[float, ...] = (),
     index: int | None = None,
@@ -53,8 +55,15 @@ def run(
     Returns:
         The shot file.
     """
-    known |= {"truth": truth, "poses": poses, "intrinsics": _camera(intrinsics), "distortion": distortion}
-    numbers = ("focal_px", "mask_scale", "scale", "offset", "saturation", "views", "distortion")
+    known |= {
+        "truth": truth,
+        "poses": poses,
+        "stage": stage,
+        "stage_axes": stage_axes,
+        "intrinsics": _camera(intrinsics),
+        "distortion": distortion,
+    }
+    numbers = ("focal_px", "mask_scale", "scale", "offset", "saturation", "views", "distortion", "stage_error")
     check_imports(**{name: known[name] for name in numbers})
     from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
@@ -68,7 +77,7 @@ def run(
             saved = save_finished_rows(file, out, replace=overwrite)
             answer({"file": saved, "shots": count_shots(saved), "guesses": []})
             return saved
-        _check_apart(out, file, masks, truth, poses)
+        _check_apart(out, file, masks, truth, poses, stage)
         imported = import_file(file, masks, **known)
         kept = picked(imported.shots, index, file)
         written = _written(out, kept, overwrite)

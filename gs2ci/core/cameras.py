@@ -12,6 +12,8 @@ from gs2ci.core.arrays import F64
 
 # nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down. Its own inverse.
 OPENCV_FROM_OPENGL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
+# Depths that differ relatively by more than this lie on different surfaces.
+SAME_SURFACE: Final = 0.05
 
 
 def pinhole(focal_px: float, size: tuple[int, ...]) -> F64:

@@ -49,22 +49,18 @@ class ConfigTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
-def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
+def read_settings(path: Path, model: type[M]) -> M:
     """Read a TOML file into a model.
 
     Args:
         path: The file.
         model: The model that it has to fit.
 
-    Returns:
-        The settings, and the file's text for the records.
-
     Raises:
         InputError: The file cannot be read, is not TOML, or does not fit; names each key that is wrong and, where
             it is unknown, the nearest known one.
     """
-    data, text = read_toml(path)
-    return settings_from(data, model, path), text
+    return settings_from(read_toml(path)[0], model, path)
 
 
 def settings_from(data: Mapping[str, Any], model: type[M], path: Path) -> M:

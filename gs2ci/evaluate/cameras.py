@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.cameras import OPENCV_FROM_OPENGL, camera_centres
+from gs2ci.core.cameras import OPENCV_FROM_OPENGL, SAME_SURFACE, camera_centres
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.whole_file import write_whole
-from gs2ci.evaluate.points import SAME_SURFACE, Cameras
+from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.whole_folder import view_names
 
 # COLMAP's binary files (its documentation, "Output Format"): numbers without padding, least byte first.

@@ -19,11 +19,11 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import SAME_SURFACE, camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.evaluate.pages.run_evidence import FinishedRun
-from gs2ci.evaluate.points import SAME_SURFACE, Cameras
+from gs2ci.evaluate.points import Cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.uncertainty.depths import movement
 from gs2ci.reconstruct.uncertainty.factors import factors
@@ -79,7 +79,7 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
 
     Raises:
         InputError: The run has no depth or no spread of it, or no camera path to measure it by; there is no such view
-            or pixel, or there is no depth at a pixel.
+            or pixel, both ends are the same one, or there is no depth at a pixel.
     """
     run.report.check_depth()
     if run.depth is None or run.depth_spread is None or run.depth_confidence is None:
@@ -94,6 +94,9 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     cameras = Cameras(run.world_to_camera, run.intrinsics, run.distortion)
     points, spreads = [], []
     ends = [_pixel(given, width, height) for given in (one, other)]
+    if ends[0] == ends[1]:
+        told = f"both ends are pixel {ends[0][0]},{ends[0][1]}"
+        raise InputError(told, allowed="two pixels", remedy="choose another one as an end")
     for column, row in ends:
         depth = float(run.depth[view, row, column])
         if depth <= 0:
@@ -118,9 +121,7 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         spreads.append(np.stack([along, *cameras.in_world(view, moved, directions=True)]))
     line = points[1] - points[0]
     length = float(np.linalg.norm(line))
-    # If the two points coincide, the line may have any direction: the largest error counts.
-    direction = line / length if length > 0 else None
-    variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
+    variances = [np.square(s @ line / length).sum() for s in spreads]
     seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
     # Where depths have standard errors, those contain what they have in common.
     common = 0.0 if run.depth_error is not None else _error_of_scale(run)

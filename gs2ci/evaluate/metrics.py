@@ -108,14 +108,19 @@ def measurement_residual(predicted: F32, measurement: F32, saturated: Bool | Non
     Raises:
         InputError: The shapes differ.
     """
+    error = _apart(predicted, measurement)
+    if saturated is not None:
+        error = np.where(saturated[..., None], np.minimum(error, 0.0), error)
+    return Residual(rms=rms_of(error), mean_abs=float(np.mean(np.abs(error))))
+
+
+def _apart(predicted: F32, measurement: F32) -> F64:
+    """Return the difference of a prediction from a measurement of the same shape."""
     if predicted.shape != measurement.shape:
         raise InputError(
             f"the predicted measurement has shape {list(predicted.shape)}", allowed=str(list(measurement.shape))
         )
-    error = predicted.astype(np.float64) - measurement
-    if saturated is not None:
-        error = np.where(saturated[..., None], np.minimum(error, 0.0), error)
-    return Residual(rms=rms_of(error), mean_abs=float(np.mean(np.abs(error))))
+    return predicted.astype(np.float64) - measurement
 
 
 def _clamped(estimate: F32, truth: F32) -> Iterator[tuple[F64, F64]]:
@@ -178,11 +183,7 @@ def chi_squared_per_pixel(
     Raises:
         InputError: The shapes differ.
     """
-    if predicted.shape != measurement.shape:
-        raise InputError(
-            f"the predicted measurement has shape {list(predicted.shape)}", allowed=str(list(measurement.shape))
-        )
-    terms = (predicted.astype(np.float64) - measurement) ** 2 / noise.variance(predicted)
+    terms = _apart(predicted, measurement) ** 2 / noise.variance(predicted)
     if saturated is not None:
         terms = terms[~saturated]
     return float(terms.mean()) if terms.size else None

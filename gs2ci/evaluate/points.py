@@ -11,15 +11,13 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.cameras import in_camera
+from gs2ci.core.cameras import SAME_SURFACE, in_camera
 from gs2ci.core.lens import pixel_centres, places_of, rays_of, stretch
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.ply import named_columns, ply_bytes
 
 # Below this confidence pixels are left out of the cloud: semi-transparent parts and edges between near and far.
 _LEAST_CONFIDENCE: Final = 0.5
-# Neighbours whose depths differ relatively by more than this lie on different surfaces.
-SAME_SURFACE: Final = 0.05
 # Largest number of views that contribute: neighbouring views see the same surfaces.
 _VIEWS: Final = 3
 

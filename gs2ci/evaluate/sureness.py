@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import in_camera
+from gs2ci.core.cameras import SAME_SURFACE, in_camera
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
-from gs2ci.evaluate.points import SAME_SURFACE, Cameras
+from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.report import SurenessSection
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.render.gaussians import Gaussians

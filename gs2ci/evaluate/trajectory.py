@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, rms_of
 from gs2ci.core.errors import InputError
@@ -148,8 +149,9 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
     The conventions are those of evo (Grupp 2017): ATE is the translation part of the absolute pose error after
     similarity alignment, RPE compares the motions between consecutive views.
     """
-    alignment = align(estimate, truth)
+    _check_paths(estimate, truth)
     check_rigid("true poses", truth)
+    alignment = align(estimate, truth)
     aligned = alignment.apply(estimate)
     centers, target = _centers(estimate), _centers(truth)
     fit = _fit_positions(centers, target)
@@ -172,14 +174,8 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
 
 
 def rotation_angles_deg(rotations: F64) -> F64:
-    """Measure the angle of each rotation [..., 3, 3] in degrees, precise from 0 to 180.
-
-    The arc cosine of the trace alone loses everything below 1e-8 radians.
-    """
-    antisymmetric = rotations - np.swapaxes(rotations, -1, -2)
-    sine = np.sqrt(np.sum(antisymmetric**2, axis=(-2, -1)) / 8)
-    cosine = (np.trace(rotations, axis1=-2, axis2=-1) - 1) / 2
-    return np.asarray(np.degrees(np.arctan2(sine, cosine)), dtype=np.float64)
+    """Measure the angle of each rotation, [N, 3, 3], in degrees, precise from 0 to 180."""
+    return np.degrees(Rotation.from_matrix(rotations).magnitude())
 
 
 @dataclass(frozen=True)

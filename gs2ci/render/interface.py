@@ -43,7 +43,7 @@ class Backend(Protocol):
     A moving scene is rendered at each pose's time, one with harmonics in the colours that each pose sees
     (`gs2ci.render.harmonics.colours_seen`). World-to-camera matrices have OpenCV axes (x right, y down, z forward);
     pixel centres lie at +0.5. Gradients reach all fields of the scene, per-view colours and the upper three rows of the
-    poses. A pose's gradient is that of its twelve numbers; parametrise poses by `se3.exp` to keep them rigid. The
+    poses. A pose's gradient is that of its twelve numbers; parametrise them by tangent vectors to keep them rigid. The
     intrinsics get no gradient.
     """
 

@@ -169,9 +169,7 @@ class Calibrated:
 
     @property
     def _known(self) -> Bool:
-        section = self.bundle.sections["masks"]
-        shape = section.array("masks").shape[1:]
-        return section.arrays["valid"] > 0 if "valid" in section.arrays else np.ones(shape, np.bool_)
+        return self.bundle.sections["masks"].known
 
     def _flat(self, dark: Dark, *, mosaic: bool) -> F64:
         flat = self.bundle.sections["dark-flat"].array("response").astype(np.float64)

@@ -219,13 +219,17 @@ def check_pulses(devices: Devices, config: SensorConfig) -> PulsesFound:
 
 def _with_the_first(looks: Sequence[TriggerRun], verdict: PulseVerdict) -> bool | None:
     """Return whether brightness confirms the count: frames that begin with the first mask see only that mask."""
+    brighter = _brighter(looks)
+    return None if brighter is None else brighter is not verdict.inverted
+
+
+def _brighter(looks: Sequence[TriggerRun]) -> bool | None:
+    """Return whether the first of two runs is brighter; None if they hardly differ, or one has no frames."""
     if not all(one.frames for one in looks):
         return None
-    (with_first, error), (without, other_error) = (one.level_dn for one in looks)
-    difference = with_first - without
-    if abs(difference) < max(SURE * float(np.hypot(error, other_error)), LEAST_DN):
-        return None
-    return (difference > 0) is not verdict.inverted
+    (first, error), (second, other_error) = (one.level_dn for one in looks)
+    sure = abs(first - second) >= max(SURE * float(np.hypot(error, other_error)), LEAST_DN)
+    return first > second if sure else None
 
 
 def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
@@ -247,11 +251,7 @@ def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
         # The last frame comes when the last pass ends, or, with the wrong polarity, when it begins.
         due_s = looks[0].fired_s + PASSES * (MASKS * mask_s + pause_s) - pause_s
         by_time = looks[0].frames[-1].t_host_ns * 1e-9 > due_s - MASKS * mask_s / 2
-    by_light = None
-    if all(one.frames for one in looks):
-        (level, error), (dark, dark_error) = (one.level_dn for one in looks)
-        by_light = True if level - dark > max(SURE * float(np.hypot(error, dark_error)), LEAST_DN) else None
-    return GateFound(looks[0].count, by_time, by_light)
+    return GateFound(looks[0].count, by_time, _brighter(looks) or None)
 
 
 def check_waiting(devices: Devices, config: SensorConfig, trigger: TriggerMode) -> int:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot
@@ -187,8 +187,7 @@ def _stated_error_px(bundle: Bundle) -> float:
 
 
 def _check_same_masks(file: Path, shot: Shot, section: Section) -> None:
-    masks, valid = section.array("masks"), _valid(section)
-    stated = np.where(valid, np.clip(masks, 0, 1), 0)
+    stated = np.where(section.known, np.clip(section.array("masks"), 0, 1), 0)
     same = shot.masks.shape == stated.shape
     if not same or float(np.abs(shot.masks - stated).max()) > _SAME_MASKS:
         raise CalibrationError(
@@ -259,7 +258,7 @@ def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], fi
         more += float(np.mean((_transmissions(before.value, off) - masks) ** 2, dtype=np.float64))
     error = np.sqrt(before.standard_error.astype(np.float64) ** 2 + more)
     size: tuple[int, int] = masks.shape[1:]
-    known = misfit.known(size) & _valid_moved(section, misfit)
+    known = misfit.known(size) & (misfit.sample(section.known[None].astype(np.float64))[0] > 0.99)
     listed = "; ".join(f"{name} {estimate}" for name, estimate in taken.items())
     return replace(
         section,
@@ -274,15 +273,6 @@ def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], fi
 def _transmissions(masks: np.ndarray, misfit: "Misfit") -> F32:
     moved: F64 = misfit.of_masks(np.clip(masks, 0, 1).astype(np.float64))
     return moved.astype(np.float32)
-
-
-def _valid(section: Section) -> Bool:
-    shape = section.array("masks").shape[1:]
-    return section.arrays["valid"] > 0 if "valid" in section.arrays else np.ones(shape, np.bool_)
-
-
-def _valid_moved(section: Section, misfit: "Misfit") -> Bool:
-    return misfit.sample(_valid(section)[None].astype(np.float64))[0] > 0.99
 
 
 def _keep(path: Path) -> Path:

@@ -2,7 +2,7 @@
 
     GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks reliability
 
-Drawn scenes of 72 x 96 px (`reliability_draws`), with noise, and a light field if the folder holds it. The factors of
+Drawn scenes (`reliability_draws`), with noise, and a light field if the folder holds it. The factors of
 `gs2ci/reconstruct/uncertainty/factors.py` were fixed on the seeds 6200 and 6201; the others judge them. For each scene:
 the share of errors within one and within two standard errors of the views' values, depths, positions, rotations, and
 lengths between random pixels of the middle view, as `gs2ci measure` states them. Depth and lengths are compared after
@@ -17,6 +17,8 @@ the standard error, beside that of a normal and of a Laplace distribution with 6
 | `GS2CI_SEEDS` | the seeds | 6300 6301 |
 | `GS2CI_PRESET` | the preset | draft |
 | `GS2CI_RUNS` | a folder in which runs are kept, and found again | none |
+| `GS2CI_KINDS` | some of `reliability_draws.KINDS`, with commas between them | all |
+| `GS2CI_SIZE` | their size, px | 72x96 |
 | `GS2CI_STRANGERS` | 1: scenes and motions of `stranger_draws` instead | 0 |
 """
 
@@ -47,6 +49,7 @@ from tests.benchmarks.stranger_draws import MOTIONS, SCENES, stranger
 from tests.processes import side_by_side
 
 SEEDS: Final = tuple(int(seed) for seed in os.environ.get("GS2CI_SEEDS", "6300 6301").split())
+WANTED: Final = os.environ.get("GS2CI_KINDS", ",".join(KINDS)).split(",")
 PRESET: Final = os.environ.get("GS2CI_PRESET", "draft")
 RUNS: Final = os.environ.get("GS2CI_RUNS")
 STRANGERS: Final = os.environ.get("GS2CI_STRANGERS", "0") == "1"
@@ -60,7 +63,7 @@ Off = dict[str, F64]
 
 def run() -> None:
     """Judge every draw, and print a row for each, the means and the diagram."""
-    kinds = [f"{scene} {motion}" for scene in SCENES for motion in MOTIONS] if STRANGERS else KINDS
+    kinds = [f"{scene} {motion}" for scene in SCENES for motion in MOTIONS] if STRANGERS else WANTED
     tasks = [(kind, seed) for seed in SEEDS for kind in kinds]
     if not STRANGERS and (SHARED / "lightfield" / "antinous.npz").is_file():
         tasks.append(("light field", 0))

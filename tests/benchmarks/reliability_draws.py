@@ -3,6 +3,7 @@
 Here: the draws. Not here: their reconstruction, and what is judged (`reliability`).
 """
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.benchmarks import photographs
 from tests.tables.cases import noisy, staged
 
-SIZE: Final = (72, 96)
+SIZE: Final = tuple(int(side) for side in os.environ.get("GS2CI_SIZE", "72x96").split("x"))
 MASKS: Final = 8
 # Names of the simulator's scenes; corridors are driven into and passed sideways, and some have a stage.
 KINDS: Final = (

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.render import se3
 from gs2ci.render.gaussians import Gaussians
+from tests.render import se3
 
 
 def fitted_like(count: int, size: tuple[int, int], seed: int = 0) -> tuple[Gaussians, Tensor]:

@@ -30,12 +30,21 @@ from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.half_turn import half_turned
+from gs2ci.render.harmonics import SH_DC
 from gs2ci.render.ply import read_ply
 from tests.clients.spark import browser, drawn
 from tests.render.scenes_in_units import psnr_db, scaled
 
-NPM = ("@playcanvas/splat-transform", "@sparkjsdev/spark", "three", "axe-core", "gltf-validator")
-SPARK_DB, ROUND_TRIP_DB = 33.0, 45.0
+NPM = (
+    "@playcanvas/splat-transform",
+    "@sparkjsdev/spark",
+    "three",
+    "axe-core",
+    "gltf-validator",
+    "@adobe/spz",
+    "@babylonjs/core",
+)
+SPARK_DB, ROUND_TRIP_DB, LOADED_DB = 33.0, 45.0, 40.0
 PATIENCE_S = 900
 
 
@@ -159,6 +168,57 @@ def libraries(bench: Bench) -> Iterator[Row]:
             yield _db(client, f"scene.{to}, {what}", psnr_db(bench.shown(read), wanted), ROUND_TRIP_DB)
 
 
+LOADERS = {
+    "@adobe/spz": (
+        "spz",
+        """import load from '@adobe/spz'
+const spz = await load(), cloud = spz.loadSpzFromBuffer(bytes, { to: spz.CoordinateSystem.RDF })
+const read = { means: cloud.positions, log_scales: cloud.scales, xyzw: cloud.rotations,
+  opacity: cloud.alphas.map((logit) => 1 / (1 + Math.exp(-logit))),
+  colours: cloud.colors.map((dc) => 0.5 + DC * dc) }""",
+    ),
+    "@babylonjs/core": (
+        "ply",
+        """import { GaussianSplattingMesh } from '@babylonjs/core/Meshes/GaussianSplatting/gaussianSplattingMesh.js'
+const { buffer } = await GaussianSplattingMesh.ConvertPLYWithSHToSplatAsync(bytes.buffer)
+const floats = new Float32Array(buffer), octets = new Uint8Array(buffer), count = floats.length / 8
+const rows = (width, value) =>
+  Float32Array.from({ length: count * width }, (_, i) => value(Math.floor(i / width), i % width))
+const read = { means: rows(3, (row, k) => floats[8 * row + k]),
+  log_scales: rows(3, (row, k) => Math.log(floats[8 * row + 3 + k])),
+  xyzw: rows(4, (row, k) => octets[32 * row + 28 + ((k + 1) % 4)] - 128),
+  opacity: rows(1, (row) => octets[32 * row + 27] / 255),
+  colours: rows(3, (row, k) => octets[32 * row + 24 + k] / 255) }""",
+    ),
+}
+"""Packages of npm that read Gaussians: which file, and a module that makes `read` of its `bytes`."""
+
+
+def loaders(bench: Bench) -> Iterator[Row]:
+    """Read files of Gaussians by the loaders of viewers, and compare the numbers with our PLY."""
+    ours = read_ply(bench.export("ply", "scene.ply"))
+    wanted, scale = bench.shown(replace(ours, harmonics=None)), bench.spz_scale()
+    for package, (to, module) in LOADERS.items():
+        script, numbers = bench.node / f"read-{to}.mjs", bench.work / f"read-{to}.json"
+        imported, _, body = module.partition("\n")
+        script.write_text(
+            f"import {{ readFileSync, writeFileSync }} from 'node:fs'\n{imported}\nconst DC = {SH_DC}\n"
+            f"const bytes = Uint8Array.from(readFileSync(process.argv[2]))\n{body}\n"
+            "for (const key in read) read[key] = Array.from(read[key])\n"
+            "writeFileSync(process.argv[3], JSON.stringify(read))\n"
+        )
+        bench.command("node", script, bench.export(to, f"scene.{to}"), numbers)
+        found = {
+            key: torch.tensor(values).reshape(len(ours), -1) for key, values in json.loads(numbers.read_text()).items()
+        }
+        opacity = found["opacity"][:, 0].clamp(1e-6, 1 - 1e-6)
+        scene = Gaussians(
+            found["means"], found["log_scales"], found["xyzw"][:, [3, 0, 1, 2]], torch.logit(opacity), found["colours"]
+        )
+        shown = bench.shown(scaled(scene, 1 / (scale if to == "spz" else 1)))
+        yield _db(bench.version(package), f"scene.{to}, without harmonics", psnr_db(shown, wanted), LOADED_DB)
+
+
 def spark(bench: Bench) -> Iterator[Row]:
     """Draw every file in Spark with its defaults, against what the run's scene shows."""
     client = f"{bench.version('@sparkjsdev/spark')} in Chromium"
@@ -252,6 +312,7 @@ def axe(bench: Bench) -> Iterator[Row]:
 CLIENTS: tuple[Callable[[Bench], Iterator[Row]], ...] = (
     splat_transform,
     libraries,
+    loaders,
     spark,
     gltf_validator,
     colmap,

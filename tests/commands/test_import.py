@@ -63,6 +63,25 @@ def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, array
     assert np.array_equal(shot.intrinsics, arrays["K"])
 
 
+def test_the_log_of_a_stage_lies_beside_a_measurement(tmp_path, arrays, capsys):
+    np.savez(tmp_path / "a.npz", meas=arrays["meas"], masks=arrays["masks"])
+    (tmp_path / "stage.csv").write_text("time_s,x_mm\n0,10\n1,11\n2,12\n3,13\n")
+    stage = ["--stage", tmp_path / "stage.csv"]
+    out = ["-o", tmp_path / "shot.h5", "--overwrite"]
+    shot = command(tmp_path / "a.npz", *stage, "--stage-axes", "up", "left", "ahead", "--stage-error", 0.01, *out)
+    centres = np.linalg.inv(shot.telemetry_world_to_camera)[:, :3, 3]
+    assert np.allclose(centres, np.outer([10, 11, 12, 13], [0, -1, 0]))
+    assert shot.provenance["telemetry"]["position_error"] == 0.01
+    assert "up as x grows" in " ".join(capsys.readouterr().out.split())
+    for words in (["--stage-error", 0.01], ["--stage-axes", "up", "left", "ahead"]):
+        with pytest.raises(InputError, match="without --stage"):
+            command(tmp_path / "a.npz", *words, *out)
+    with pytest.raises(InputError, match="--stage-error 0"):
+        command(tmp_path / "a.npz", *stage, "--stage-error", 0, *out)
+    with pytest.raises(InputError, match="would replace a file that it is made from"):
+        run(tmp_path / "a.npz", out=tmp_path / "stage.h5", stage=tmp_path / "stage.h5")
+
+
 def test_the_camera_may_be_four_numbers_or_a_focal_length(tmp_path, arrays):
     np.savez(tmp_path / "a.npz", meas=arrays["meas"], masks=arrays["masks"])
     out = ["-o", tmp_path / "shot.h5", "--overwrite"]

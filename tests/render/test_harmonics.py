@@ -10,9 +10,9 @@ from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import SH_DC, basis, coefficients, colours_seen, degree_of, turned
-from gs2ci.render.se3 import exp
 from tests.render.backends import to_the_end
 from tests.render.reference import ReferenceBackend
+from tests.render.se3 import exp
 
 TOLERANCE = 2e-4
 """Relative, in the 2-norm: of float32 kernels against the definition."""

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from gs2ci.render import se3
+from tests.render import se3
 
 ANGLES = [0.0, 1e-8, 1e-4, 0.3, 0.4999, 0.5001, 1.5, 3.0, math.pi - 1e-3, math.pi - 1e-6]
 AXIS = (0.36, -0.48, 0.8)

@@ -23,7 +23,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
-from gs2ci.render import se3
+from tests.render import se3
 from tests.tables.radiance_field import Frustum, RadianceField, cast
 
 # Number of rays rendered at once for whole views.

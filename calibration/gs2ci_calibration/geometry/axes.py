@@ -306,6 +306,12 @@ def _repeatability(visits: Sequence[F64], noise_mm: float) -> Measured:
     return Measured(value, error)
 
 
+def _of_axis(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> F64 | None:
+    """Return times, stated and seen positions of an axis' sweep, [3, P]; None if there are too few, or none moved."""
+    mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
+    return np.array(mine).T if len(mine) >= SWEEP_MIN and len({position for _, position, _ in mine}) > 1 else None
+
+
 def _speed(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> tuple[Measured | None, float]:
     """Fit a uniform motion to the pictures of a sweep.
 
@@ -317,10 +323,10 @@ def _speed(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> tuple[Me
     Returns:
         The speed's relative error, None without a sweep, and the residual, in mm.
     """
-    mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
-    if len(mine) < SWEEP_MIN or len({position for _, position, _ in mine}) < 2:
+    mine = _of_axis(name, sweeps, along_mm)
+    if mine is None:
         return None, 0.0
-    time_s, asked_mm, seen_mm = np.array(mine).T
+    time_s, asked_mm, seen_mm = mine
     slopes, covariance, left = _line(time_s, np.stack([seen_mm, asked_mm, 0 * asked_mm], axis=1))
     asked = float(slopes[1])
     error = Measured(float(slopes[0]) / asked - 1, float(np.sqrt(covariance[0, 0])) / abs(asked))
@@ -339,10 +345,10 @@ def _lag(
         rest: Seen minus counted position at rest, the mean of both sides, mm, and its repeatability in a sweep.
         backlash: In mm of the axis: half of it lies behind the mean of both sides.
     """
-    mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
-    if len(mine) < SWEEP_MIN or len({position for _, position, _ in mine}) < 2:
+    mine = _of_axis(name, sweeps, along_mm)
+    if mine is None:
         return None
-    time_s, counted_mm, seen_mm = np.array(mine).T
+    time_s, counted_mm, seen_mm = mine
     way_mm_s = float(np.polyfit(time_s, counted_mm, 1)[0])
     ahead_mm = seen_mm - counted_mm
     speed_mm_s, sign = abs(way_mm_s), np.sign(way_mm_s)

@@ -188,7 +188,7 @@ def register(
         pixels=fitted.pixels,
         covariance=fitted.covariance(),
         variance_px2=fitted.variance_px2,
-        variance_se_px2=fitted.light_se()[1],
+        variance_se_px2=fitted.variance_se(),
         residual_rms_px=fitted.scatter_px(),
         tiles=int(fitted.kept.sum()),
         dropped=fitted.dropped,

@@ -165,12 +165,11 @@ class Fitted:
         scores = np.einsum("tip,ti->tp", by_tile, raised)
         return inverse @ (scores.T @ scores) @ inverse
 
-    def light_se(self) -> tuple[float, float]:
-        """Return the standard errors of scale and variance."""
+    def variance_se(self) -> float:
+        """Return the standard error of the variance."""
         inverse = np.linalg.inv(self.light_information)
         scores = self.light_gradient[self.kept]
-        covariance = inverse @ (scores.T @ scores) @ inverse
-        return float(np.sqrt(covariance[1, 1])), float(np.sqrt(covariance[0, 0]))
+        return float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0]))
 
 
 def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_START_PX2) -> Fitted:

@@ -16,7 +16,6 @@ from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900 import erle, rle
 from gs2ci_drivers.dlpc900.coding import check_words
 
-HEADER_BYTES: Final = 48
 BITS_PER_WORD: Final = 24
 _SIGNATURE: Final = b"Spld"
 _LAYOUT: Final = struct.Struct("<4sHHI8sIBBB21s")

@@ -23,6 +23,7 @@ from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.foreign.settled import SettledReadings, settle
+from gs2ci.core.foreign.stage_log import stage_poses
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -46,6 +47,8 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
         InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
     """
     guesses: list[str] = []
+    if options.stage is not None:
+        options = replace(options, telemetry=stage_poses(options.stage, options.stage_axes, guesses))
     found = find(path, masks_path, options, guesses)
     own = axes.own_masks(found.measurement, found.masks)
     if own is None:
@@ -54,9 +57,10 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
         guesses.append(f"{len(own)} exposures, each with masks of its own")
         shots = []
         for k, (measurement, masks) in enumerate(own):
-            parts = [_of_exposure(given, k, len(own)) for given in (found.truth, options.world_to_camera)]
+            given = (found.truth, options.world_to_camera, options.telemetry)
+            parts = [_of_exposure(one, k, len(own)) for one in given]
             one = replace(found, measurement=measurement, masks=masks, truth=parts[0])
-            said = replace(options, world_to_camera=parts[1])
+            said = replace(options, world_to_camera=parts[1], telemetry=parts[2])
             more: list[str] = []
             shots += _shots(f"{path.stem}-{k}", one, said, more)
             guesses += [f"exposure {k}: {guess}" for guess in more]
@@ -112,7 +116,7 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
     saturated = pixels.clipped(counted, options.saturation, coding.multiplicity, guesses)
     matrix = work.intrinsics()
     lens = work.distortion(matrix)
-    true_poses, telemetry = work.true_poses(), work.poses("telemetry")
+    true_poses, telemetry = work.true_poses(), work.telemetry()
     return [
         Shot(
             measurement=(reading / full.value).astype(np.float32),
@@ -263,6 +267,21 @@ class _Import:
         poses = self.poses("world_to_camera")
         return self.poses("camera_to_world") if poses is None else poses
 
+    def telemetry(self) -> F64 | None:
+        """Get the poses that a stage reported, [K, N, 4, 4], by its log or from the file."""
+        given, shots = self.options.telemetry, len(self.readings)
+        if given is None:
+            return self.poses("telemetry")
+        masks = sorted({self.settled.given, len(self.settled.shown)})
+        if len(given.values) not in [shots * one for one in masks]:
+            told = " or ".join(str(shots * one) for one in masks)
+            raise InputError(
+                f"{given.where}: {len(given.values)} positions for {told} masks{f' in {shots} shots' * (shots > 1)}",
+                allowed="one for each mask, in the order of exposure",
+                remedy="take the positions at the middle of each mask's interval (docs/how-to.md)",
+            )
+        return self._stack_of_poses(given)
+
     def poses(self, role: roles.Role) -> F64 | None:
         """Get the poses under a role of the file, [K, N, 4, 4]."""
         given = self._load(role)
@@ -282,6 +301,7 @@ class _Import:
             "guesses": list(self.guesses),
             "undone": self.settled.undone,
             "curved": self.settled.curved,
+            **({} if self.options.stage_error is None else {"telemetry": {"position_error": self.options.stage_error}}),
         }
 
     def _load(self, role: roles.Role) -> Array | None:

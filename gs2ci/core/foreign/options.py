@@ -1,11 +1,13 @@
 """What the user may fix about a foreign file before anything is guessed."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.pixels import BadPixels
+from gs2ci.core.foreign.stage_log import USUAL_WAYS
 from gs2ci.core.records import CfaPattern
 
 MaskAxis = Literal["auto", "first", "last"]
@@ -34,6 +36,10 @@ class ImportOptions:
         distortion: Of the lens, OpenCV's k1 k2 p1 p2 k3.
         world_to_camera: True poses, [N, 4, 4], for scoring only.
         truth: True views, for scoring only.
+        stage: Log of the stage (`stage_log`): one position for each mask.
+        stage_axes: Which way the camera goes as x, y and z of the log grow.
+        stage_error: Standard error of these positions, in their unit (mm if it is named).
+        telemetry: The poses of the log, world-to-camera [N, 4, 4], once it is read.
         white_key: Key of frames of an even light; "none": leave them out.
         dark_key: Key of frames without light; "none": leave them out.
         bad_pixels: What to do with NaN in the measurement.
@@ -59,5 +65,9 @@ class ImportOptions:
     distortion: Array | None = None
     world_to_camera: Array | None = None
     truth: Array | None = None
+    stage: Path | None = None
+    stage_axes: tuple[str, ...] = USUAL_WAYS
+    stage_error: float | None = None
+    telemetry: Array | None = None
     bad_pixels: BadPixels = "refuse"
     curve: CurveName = "auto"

@@ -178,10 +178,10 @@ class _Settling:
         )
         return lifted(high)
 
-    def report_traces(self, found: Traces | None, growth: Growth | None, clipped: bool) -> None:
-        """Say so if masks are missing, or were shown twice."""
+    def report_traces(self, found: Traces | None, growth: Growth | None, clipped: bool) -> bool:
+        """Say so if masks are missing, or were shown twice; return whether some are missing."""
         if found is None:
-            return
+            return False
         if found.twice.any():
             twice = np.flatnonzero(found.twice)
             self.guesses.append(
@@ -189,10 +189,11 @@ class _Settling:
                 "trace of the others: were they shown twice, or longer? Then give their weights under the key 'weights'"
             )
         if growth is None or growth.is_biased:
-            return
+            return False
         left = 1 - growth.slope
         least = _UNACCOUNTED_CLIPPED if clipped else _UNACCOUNTED
-        if left > least + _SIGMAS * growth.slope_error and found.unexplained > _PATTERN_OF_IT * left:
+        lacking = left > least + _SIGMAS * growth.slope_error and found.unexplained > _PATTERN_OF_IT * left
+        if lacking:
             masks = int(found.shown.sum())
             self.guesses.append(
                 f"WARNING: {self.measurement.where}: {left:.0%} of the light and {found.unexplained:.0%} of the fine "
@@ -200,6 +201,7 @@ class _Settling:
                 f"file holds (about {max(1, round(masks * left / growth.slope))} more)? A leak, a black level "
                 "(--offset) or softer masks explain light, but no pattern"
             )
+        return lacking
 
 
 def settle(
@@ -241,10 +243,12 @@ def settle(
     examined = light.examine(question, options.curve, guesses)
     if examined.undone is not None:
         traced = work.pattern(examined.readings, coding)
-    elif not examined.curved:
-        work.report_traces(found, examined.growth, bool(np.isfinite(light.clip_of(question.image, work.saturation))))
+    lacking = False
+    if examined.undone is None and not examined.curved:
+        clipped = bool(np.isfinite(light.clip_of(question.image, work.saturation)))
+        lacking = work.report_traces(found, examined.growth, clipped)
     agreement.report_pattern(traced, measurement, masks, guesses)
-    if options.offset is None:
+    if options.offset is None and not lacking:  # masks that are missing light pixels that the others close
         agreement.check_closed_pixels(examined.readings[0], coding.multiplicity, guesses)
     return SettledReadings(examined.readings, coding, traced, shown, given, examined.undone, examined.curved)
 

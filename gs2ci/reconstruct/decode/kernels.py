@@ -92,9 +92,8 @@ def _project(
 
 def are_finite(stack: F32) -> Bool:
     """Tell of each view of a stack, [N, C, H, W], whether all its numbers are finite, [N]."""
-    # A sum over finite float32 numbers stays finite in float64, and one NaN or infinity spoils it.
-    found: Bool = np.isfinite(stack.sum(axis=tuple(range(1, stack.ndim)), dtype=np.float64))
-    return found
+    # View by view, since memory may not hold a mark for each number of a large stack.
+    return np.array([np.isfinite(view).all() for view in stack])
 
 
 @helper(fastmath=EXACT)

@@ -245,8 +245,8 @@ def _part(
         # The first and the last camera of each stand for it: that all would tell more is worth less than their time.
         ends = [path.world_to_camera[[0, -1]] for known, path in given if known.pose_errors and known is not geometry]
         others = np.concatenate(ends) if ends else None
-        centre = np.concatenate([camera_centres(path.world_to_camera) for _, path in given]).mean(axis=0)
-        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light, others, centre)
+        places = np.concatenate([camera_centres(path.world_to_camera) for _, path in given])
+        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light, others, places)
         left = replace(left, uncertainty=sure)
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}

@@ -10,13 +10,11 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.cameras import in_camera, in_world
+from gs2ci.core.cameras import SAME_SURFACE, in_camera, in_world
 from gs2ci.core.lens import places_of, rays_of
 
 # Points of each exposure's middle view, on a lattice.
 _POINTS: Final = 800
-# A view sees a point if its own depth there differs by no more than this share.
-_SAME_SURFACE: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,7 @@ class ViewsTogether:
         pixels = places_of(slopes, self.intrinsics, self.distortion)
         inside = ahead & (pixels >= 0).all(axis=1) & (pixels < (width, height)).all(axis=1)
         column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
-        return inside & (np.abs(self.depth[view, row, column] - there[:, 2]) <= _SAME_SURFACE * there[:, 2])
+        return inside & (np.abs(self.depth[view, row, column] - there[:, 2]) <= SAME_SURFACE * there[:, 2])
 
     def points(self, view: int) -> F64:
         """Return points that a view shows, [P, 3], on a lattice."""

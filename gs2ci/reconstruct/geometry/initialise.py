@@ -11,18 +11,17 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress, Silent, said
-from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.depth.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.path.focal import Focal, FocalSettings, default_focal, estimate_focal
-from gs2ci.reconstruct.geometry.path.halves import expected_path_error, times_better_foretold
+from gs2ci.reconstruct.geometry.path.halves import PathErrors, expected_path_error, times_better_foretold
 from gs2ci.reconstruct.geometry.path.motion import (
     CameraMotion,
     MotionSettings,
@@ -100,8 +99,7 @@ class Geometry:
         verdict: "full"; or why depth is only a plane: "rotation_only", "static", "unsupported".
         notes: Findings for the user.
         source: The geometry prior that it comes from.
-        path_error_expected: Expected error of the path, from halves of the tracks (`halves`), as a share of its extent;
-            None if the path was given, or there is none.
+        path_errors: Expected errors of the path, from halves of the tracks; None if it was given, or there is none.
         unit: A length of 1 in the unit of the given poses; None if none were given, or they were not used.
         order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
             (`motion.preference`); None without tracks, or if they have no second solution.
@@ -126,7 +124,7 @@ class Geometry:
     verdict: Verdict = Verdict.UNSUPPORTED
     notes: tuple[Finding, ...] = ()
     source: str = PathSource.TRACKS
-    path_error_expected: float | None = None
+    path_errors: PathErrors | None = None
     unit: float | None = None
     order_errors: float | None = None
     other_order: "OtherOrder | None" = None
@@ -135,6 +133,11 @@ class Geometry:
     view_depths: tuple[ViewDepth, ...] = ()
     joined: int = 0
     followed: F64 | None = None
+
+    @property
+    def path_error_expected(self) -> float | None:
+        """Get the expected error of the path as a share of its extent; None if it is not known."""
+        return None if self.path_errors is None else self.path_errors.share
 
     @property
     def known_at_rest(self) -> bool:
@@ -209,10 +212,9 @@ def initialise(
         A geometry, always finite: if depth cannot be found, a plane at inverse depth 1, and `notes` say why.
 
     Raises:
-        InputError: The views are not a stack of finite images, or the settings make no sense.
+        InputError: The settings make no sense.
         GeometryError: The known poses contradict the tracks.
     """
-    _check(views, intrinsics)
     progress = progress or Silent()
     progress.stage("geometry", 3)
     found = _Estimation(views, (settings or GeometrySettings()).check(), seen, known_poses).run(intrinsics, progress)
@@ -335,7 +337,7 @@ class _Estimation:
         geometry, criteria = found.geometry, self.settings.criteria
         if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
             return False
-        return halves_agree(self.expected_error(found), criteria)
+        return halves_agree(self.expected_errors(found), criteria)
 
     def found(self, tracks: Tracks, *, moved: bool) -> _Found:
         """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
@@ -435,12 +437,12 @@ class _Estimation:
 
     def doubted(self, found: _Found) -> Geometry:
         """Return the geometry with the expected error of its path."""
-        error = self.expected_error(found)
-        notes = (*found.geometry.notes, *doubts_about_path(error, self.settings.criteria))
-        return replace(found.geometry, path_error_expected=error, notes=notes)
+        errors = self.expected_errors(found)
+        notes = (*found.geometry.notes, *doubts_about_path(errors, self.settings.criteria))
+        return replace(found.geometry, path_errors=errors, notes=notes)
 
-    def expected_error(self, found: _Found) -> float | None:
-        """Return the expected error of a path; see `halves`."""
+    def expected_errors(self, found: _Found) -> PathErrors | None:
+        """Return the expected errors of a path; see `halves`."""
         return expected_path_error(found.motion, found.tracks, self.flat.intrinsics, self.size, self.settings.motion)
 
     def with_reverse(self, found: _Found) -> Geometry:
@@ -475,15 +477,6 @@ class _Estimation:
         how, intrinsics = self.settings.motion, self.flat.intrinsics
         times = times_better_foretold(found.motion, adjusted, found.tracks, intrinsics, self.size, how)
         return times <= _CONTRADICTED
-
-
-def _check(views: F32, intrinsics: F64 | None) -> None:
-    if views.ndim != 4 or views.shape[3] not in (1, 3) or 0 in views.shape:
-        raise InputError(f"views have shape {list(views.shape)}", allowed="[N, H, W, 3] or [N, H, W, 1]")
-    if not np.isfinite(views).all():
-        raise InputError("the decoded views hold values that are NaN or infinite", allowed="finite numbers")
-    if intrinsics is not None:
-        check_intrinsics(intrinsics)
 
 
 def _known(intrinsics: F64 | None) -> Focal | None:

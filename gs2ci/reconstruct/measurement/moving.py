@@ -20,8 +20,8 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtrc
 
-from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks, ridged
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.measurement.blocks import CHANCE, in_blocks, ridged
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A picture of one row or column has no gradient across it.
@@ -38,17 +38,10 @@ class LeftByMotion:
         explained: Share of the residual's power that velocities of blocks explain, minus the share that as many numbers
             explain by chance; 0 if they explain no more.
         surely: Share of the blocks with a significant motion.
-        velocity_px: Of each block, in px per half exposure, [B, B', 2]; 0 if it is not significant.
     """
 
     explained: float
     surely: float
-    velocity_px: F64
-
-    def pixels(self, size: tuple[int, int]) -> Bool:
-        """Return the pixels, [H, W], of blocks with a significant motion."""
-        moves = self.velocity_px.any(axis=-1)
-        return np.repeat(np.repeat(moves, BLOCK_PX, axis=0), BLOCK_PX, axis=1)[: size[0], : size[1]]
 
 
 def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
@@ -61,7 +54,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     """
     shot = holdout.shot
     if min(shot.size) < _LEAST_SIDE_PX:
-        return LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2)))
+        return LeftByMotion(0.0, 0.0)
     asked = shot.usable[..., None]
     residual = in_blocks((shot.measurement - holdout.coded(views)) * asked)
     weighted = views * times.astype(np.float32)[:, None, None, None]
@@ -75,7 +68,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     gram = ridged(np.einsum("abpci,abpcj->abij", design, design))
     velocity = np.linalg.solve(gram, moment[..., None])[..., 0]
     if not testable.any():
-        return LeftByMotion(0.0, 0.0, np.zeros_like(velocity))
+        return LeftByMotion(0.0, 0.0)
     left = residual - np.einsum("abpci,abi->abpc", design, velocity)
     freedom = np.maximum(pixels - 2, 1)
     scores = np.einsum("abpci,abpc->abpi", design, left)
@@ -85,8 +78,4 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     ratio = (moment * np.linalg.solve(ridged(spread), moment[..., None])[..., 0]).sum(axis=-1) / 2
     sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < CHANCE)
     explained = (gained - by_chance)[testable].sum() / power[testable].sum()
-    return LeftByMotion(
-        explained=max(float(explained), 0.0),
-        surely=float(sure.sum() / testable.sum()),
-        velocity_px=np.where(sure[..., None], velocity, 0),
-    )
+    return LeftByMotion(max(float(explained), 0.0), float(sure.sum() / testable.sum()))

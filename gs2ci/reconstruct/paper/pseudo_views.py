@@ -11,13 +11,13 @@ from typing import Annotated
 import numpy as np
 import torch
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
-from gs2ci.render import se3
 
 
 @dataclass(frozen=True)
@@ -53,15 +53,13 @@ def synthesised_poses(world_to_camera: F64, between: int = 1) -> F64:
         raise InputError(f"{between} poses between two cameras", allowed="0 or more")
     if len(world_to_camera) < 2:
         return np.empty((0, 4, 4))
-    path = torch.from_numpy(np.ascontiguousarray(world_to_camera, np.float64))
-    shares = torch.arange(1, between + 1, dtype=torch.float64) / (between + 1)
+    path = world_to_camera.astype(np.float64)
+    shares = np.arange(1, between + 1) / (between + 1)
     inner = [interpolated(a, b, share) for a, b in itertools.pairwise(path) for share in shares]
-    ends = [beyond(path[1], path[0]), beyond(path[-2], path[-1])]
-    poses: F64 = torch.stack([*inner, *ends]).numpy()
-    return poses
+    return np.stack([*inner, beyond(path[1], path[0]), beyond(path[-2], path[-1])])
 
 
-def interpolated(a: Tensor, b: Tensor, share: Tensor | float) -> Tensor:
+def interpolated(a: F64, b: F64, share: float) -> F64:
     """Interpolate between two poses: rotations on SO(3), R = exp(α log(R_b R_aᵀ)) R_a, translations linearly.
 
     Args:
@@ -69,15 +67,15 @@ def interpolated(a: Tensor, b: Tensor, share: Tensor | float) -> Tensor:
         b: World to camera, [4, 4]; at 180° from `a` both directions are equally short, and one of them is taken.
         share: α; 0 gives `a`, 1 gives `b`.
     """
-    pose = a.clone()
-    pose[:3, :3] = se3.so3_exp(share * se3.so3_log(b[:3, :3] @ a[:3, :3].T)) @ a[:3, :3]
+    pose = a.copy()
+    pose[:3, :3] = (Rotation.from_matrix(b[:3, :3] @ a[:3, :3].T) ** share).as_matrix() @ a[:3, :3]
     pose[:3, 3] = (1 - share) * a[:3, 3] + share * b[:3, 3]
     return pose
 
 
-def beyond(before: Tensor, last: Tensor) -> Tensor:
+def beyond(before: F64, last: F64) -> F64:
     """Continue a path by one step: the transform from pose `before` to `last`, [4, 4], applied to `last` once more."""
-    return last @ se3.inverse(before) @ last
+    return last @ np.linalg.inv(before) @ last
 
 
 def support_weights(alpha_then: Tensor, alpha_now: Tensor, settings: SupportSettings) -> Tensor:

@@ -12,6 +12,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.surfaces import pixel_rays
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.uncertainty.depths import error_of_places, errors_of_depths
@@ -47,20 +48,20 @@ class PathKnown:
 
     Args:
         reference: The view whose pose is held.
-        error: That is to be expected, as a share of the path's extent.
+        errors: That are to be expected of it.
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
         followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None without tracks.
-        centre: Mean place of the cameras of all exposures that share the scene, [3]; None if there are no others.
+        places: Of the cameras of all exposures that share the scene, [K, 3]; None if there are no others.
     """
 
     reference: int
-    error: float
+    errors: PathErrors
     given: tuple[float, float] | None
     others: F64 | None = None
     followed: F64 | None = None
-    centre: F64 | None = None
+    places: F64 | None = None
 
 
 def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
@@ -88,8 +89,8 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
-    places = of.world_to_camera, middle_depth(seen)
-    positions, rotations = errors_of_poses(covariance, *places, turn, given=given, centre=path.centre)
+    places = of.world_to_camera, middle_depth(seen), (turn, path.errors.turn)
+    positions, rotations = errors_of_poses(covariance, *places, given=given, everywhere=path.places)
     place_px = error_of_places(seen, path.reference, path.followed)
-    depths = errors_of_depths(seen, place_px, path.error, turn, path.others)
+    depths = errors_of_depths(seen, place_px, path.errors.share, turn, path.others)
     return Uncertainty(views, depths, positions, rotations)

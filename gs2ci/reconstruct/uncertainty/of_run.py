@@ -15,6 +15,7 @@ from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
@@ -29,7 +30,7 @@ def how_sure(
     renderer: ShotRenderer,
     light: StoppedLight,
     others: F64 | None = None,
-    centre: F64 | None = None,
+    places: F64 | None = None,
 ) -> Uncertainty:
     """Return the standard errors of a run's results.
 
@@ -41,19 +42,19 @@ def how_sure(
         renderer: Of the exposure.
         light: Where the light of its pixels is stopped.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
-        centre: Mean place of the cameras of all these exposures, [3].
+        places: Of the cameras of all these exposures, [K, 3].
     """
     best = ensemble.best
     delivered = recovered.views if recovered.exposed is None else recovered.exposed
     views = ViewsMade(delivered, ensemble.views, ensemble.disagreement)
     exposed = ExposureFound(look.holdout, renderer, views, best.world_to_camera, light)
     moving = any(fit.scene.motion is not None for fit in (best, *ensemble.others))
-    path = None if moving else _path(geometry, ensemble, others, centre)
+    path = None if moving else _path(geometry, ensemble, others, places)
     found = standard_errors(exposed, path)
     return replace(found, views=look.brightness.shown(found.views[..., None])[..., 0])
 
 
-def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, centre: F64 | None) -> PathKnown | None:
+def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F64 | None) -> PathKnown | None:
     """Return what is known of the path; None if there is none, or the camera is known to have been at rest."""
     if not geometry.has_path or geometry.known_at_rest:
         return None
@@ -62,7 +63,7 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, centre: F6
     # Paths that nothing gave err together by more than information that adds up says.
     others = None if given is None else others
     extent = path_extent(poses if others is None else np.concatenate([poses, others]))
-    error = factors.path_not_judged if geometry.path_error_expected is None else geometry.path_error_expected
+    expected = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0)
     if given is not None and extent > 0:
-        error = given[0] / extent
-    return PathKnown(geometry.reference, error, given, others, geometry.followed, centre)
+        expected = PathErrors(given[0] / extent, 0.0)
+    return PathKnown(geometry.reference, expected, given, others, geometry.followed, places)

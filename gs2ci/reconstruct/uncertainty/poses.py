@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, rms_of
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.uncertainty.factors import factors
 
@@ -35,7 +35,13 @@ def unseen_turn(rays: F32, focal_px: F64, given: float | None = None) -> float:
 
 
 def errors_of_poses(
-    covariance: F64, world_to_camera: F64, middle_depth: float, turn: float, *, given: bool, centre: F64 | None = None
+    covariance: F64,
+    world_to_camera: F64,
+    middle_depth: float,
+    turns: tuple[float, float],
+    *,
+    given: bool,
+    everywhere: F64 | None = None,
 ) -> tuple[F64, F64]:
     """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
 
@@ -43,9 +49,10 @@ def errors_of_poses(
         covariance: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
-        turn: That readings do not see (`unseen_turn`), rad.
+        turns: In step with the travel, rad: that readings do not see (`unseen_turn`), common to exposures that share a
+            scene, so that those at the ends turn by more; and that by which halves of the own tracks differ.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
-        centre: The mean place of the cameras of all exposures that share the scene, [3], whose similarity it then is;
+        everywhere: Places of the cameras of all exposures that share the scene, [K, 3], whose similarity it then is;
             None: there are no others.
     """
     count = len(world_to_camera)
@@ -57,11 +64,15 @@ def errors_of_poses(
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     if given:
         return position, rotation
-    # Exposures that share a scene share the turn per travel, so that those at the ends turn by more.
-    far = np.linalg.norm(moved if centre is None else centres - centre, axis=1)
-    per_length = turn / max(float(np.sqrt(np.square(moved).sum(axis=1).mean())), _LEAST)
-    in_step = np.minimum(per_length * far, np.pi)
-    place = factors.out_of_step * middle_depth * max(turn, float(np.sqrt(np.square(in_step).mean())))
+    everywhere = centres if everywhere is None else everywhere
+    middle = everywhere.mean(axis=0)
+    own, far, all_far = (np.linalg.norm(one, axis=1) for one in (moved, centres - middle, everywhere - middle))
+    length = max(rms_of(own), _LEAST)
+    # Both show the one freedom: halves, where tracks leave it open more than readings do at best.
+    in_step = np.minimum(np.maximum(turns[0] * far, turns[1] * own) / length, np.pi)
+    # It bends all paths as one, so that the middle errs no less than the ends.
+    bend = min(turns[0] * rms_of(all_far) / length, np.pi)
+    place = factors.out_of_step * middle_depth * max(*turns, bend)
     return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
 
 

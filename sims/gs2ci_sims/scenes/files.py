@@ -152,7 +152,7 @@ def load_scene(
             cannot be built.
     """
     path = _path(which)
-    file, _ = read_settings(path, SceneFile)
+    file = read_settings(path, SceneFile)
     camera = file.camera.model_dump()
     if size is not None:
         camera |= {"height": size[0], "width": size[1]}

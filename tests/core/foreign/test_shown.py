@@ -72,6 +72,13 @@ def test_masks_that_are_missing_are_named_as_the_cause(many, take, said, lost):
     assert said(imported, "were more masks shown than the file holds")
 
 
+def test_light_of_masks_that_are_missing_is_not_called_an_offset(many, take, said):
+    masks, read = many
+    imported = take(ImportOptions(scale=255.0), meas=read(range(8)), masks=masks[:5])
+    assert said(imported, "(about 3 more)")
+    assert not said(imported, "pixels that no mask opens read")
+
+
 def test_a_leak_is_not_taken_for_a_missing_mask(many, take, said):
     masks, _ = many
     even = np.full(masks.shape[1:], 120.0)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
@@ -184,21 +184,3 @@ def test_same_views_give_the_same_bits(seen):
     a, b = (initialise(scene.views, scene.intrinsics, QUICK) for _ in range(2))
     np.testing.assert_array_equal(a.world_to_camera, b.world_to_camera)
     np.testing.assert_array_equal(a.inverse_depth, b.inverse_depth)
-
-
-@pytest.mark.parametrize("shape", [(3, 8, 8), (3, 8, 8, 2), (0, 8, 8, 3), (2, 0, 8, 3)])
-def test_anything_but_a_stack_of_images_is_refused(shape):
-    with pytest.raises(InputError, match="views have shape"):
-        initialise(np.zeros(shape, np.float32), None)
-
-
-def test_views_that_are_not_finite_are_refused():
-    views = np.zeros((2, 8, 8, 3), np.float32)
-    views[0, 0, 0, 0] = np.nan
-    with pytest.raises(InputError, match="NaN"):
-        initialise(views, None)
-
-
-def test_a_senseless_camera_matrix_is_refused():
-    with pytest.raises(InputError, match="intrinsics"):
-        initialise(np.zeros((2, 8, 8, 3), np.float32), np.zeros((3, 3)))

@@ -11,6 +11,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.hypotheses import matches
 from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
@@ -70,7 +71,7 @@ def test_otherwise_the_first_look_stays(monkeypatch, seen, what):
     holdout, first = seen
     rest = at_rest(first.geometry)
     # Parts of the matches give other paths, and views warped along this one explain no more than at rest.
-    doubtful = replace(rest, verdict="full", path_error_expected=0.11)
+    doubtful = replace(rest, verdict="full", path_errors=PathErrors(0.11, 0.0))
     answers = {"views do not join": rest, "explains no more than rest": doubtful}
     asked = answering(monkeypatch, answers.get(what, first.geometry))
     settings = replace(BRIEF, long_decode=None) if what == "no longer decode" else BRIEF
@@ -120,7 +121,7 @@ def test_a_path_that_turns_far_and_agrees_need_not_explain_more_than_rest(monkey
     holdout, first = seen
     poses = at_rest(first.geometry).world_to_camera.copy()
     poses[0, :3, :3] = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix()
-    agreed = replace(at_rest(first.geometry), world_to_camera=poses, verdict="full", path_error_expected=0.09)
+    agreed = replace(at_rest(first.geometry), world_to_camera=poses, verdict="full", path_errors=PathErrors(0.09, 0.0))
     answering(monkeypatch, agreed)
     found, _, _ = again(first, holdout)
     assert (found is not None) == taken
@@ -137,7 +138,7 @@ def test_a_path_that_turns_far_and_agrees_need_not_explain_more_than_rest(monkey
 )
 def test_a_path_that_a_fit_has_already_is_not_fitted_again(monkeypatch, seen, moved, turned_deg, error, taken):
     holdout, first = seen
-    answer = replace(first.geometry, source="wide", path_error_expected=error)
+    answer = replace(first.geometry, source="wide", path_errors=PathErrors(error, 0.0))
     answering(monkeypatch, answer)
     path = answer.world_to_camera.copy()
     path[0, 1, 3] += moved * np.linalg.norm(np.ptp(path[:, :3, 3], axis=0))

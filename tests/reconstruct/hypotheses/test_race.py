@@ -16,6 +16,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.hypotheses import jury, race
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
@@ -25,7 +26,7 @@ from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 
 LONG = 400
-QUIET, LOUD = LeftByMotion(0.0, 0.0, np.zeros((4, 4, 2))), LeftByMotion(0.2, 0.5, np.ones((4, 4, 2)))
+QUIET, LOUD = LeftByMotion(0.0, 0.0), LeftByMotion(0.2, 0.5)
 # One block of 16 px, of the first thing's side of the picture, moves.
 
 
@@ -136,7 +137,7 @@ def run(
     """Race from a first look; return the result, and how many iterations each hypothesis got."""
     fits = Fits(leaves, settings or Settings(), scatter=scatter)
     again = "second look" in leaves
-    found = replace(first, geometry=replace(first.geometry, verdict="full", path_error_expected=0.01))
+    found = replace(first, geometry=replace(first.geometry, verdict="full", path_errors=PathErrors(0.01, 0.0)))
     monkeypatch.setattr(race, "second_look", lambda *_: found if again else None)
     matched = replace(first, geometry=replace(first.geometry, source="wide"))
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
@@ -150,7 +151,7 @@ def run(
     return raced, [(one.hypothesis.value, one.iterations) for one in raced.course]
 
 
-DOUBTFUL, PATHLESS = {"path_error_expected": 0.2}, {"verdict": "rotation_only"}
+DOUBTFUL, PATHLESS = {"path_errors": PathErrors(0.2, 0.0)}, {"verdict": "rotation_only"}
 OPEN = OrderFound(0.4)
 FIRST, SECOND = "first look", "second look"
 COMPANION, MATCHED = "other density rule", "wide"

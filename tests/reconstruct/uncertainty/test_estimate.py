@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.core.cameras import pinhole
+from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
@@ -46,7 +47,7 @@ def exposed(measured):
 
 
 def known(**changes):
-    return replace(PathKnown(3, 0.05, None), **changes)
+    return replace(PathKnown(3, PathErrors(0.05, 0.0), None), **changes)
 
 
 def test_a_still_scene_along_a_path_has_all_standard_errors(exposed):
@@ -70,14 +71,19 @@ def test_given_poses_are_surer(exposed):
 
 
 def test_an_exposure_beside_others_may_turn_the_more_the_farther_it_is_from_their_middle(exposed):
-    places = (None, np.zeros(3), np.array([0.4, 0, 0]))
-    alone, inmost, aside = (standard_errors(exposed, known(centre=centre)) for centre in places)
+    own, step = camera_centres(exposed.world_to_camera), np.array([0.4, 0, 0])
+    alone = standard_errors(exposed, known())
+    inmost, aside = (
+        standard_errors(exposed, known(places=np.concatenate(rows)))
+        for rows in ((own - step, own, own + step), (own, own + step, own + 2 * step))
+    )
     assert np.allclose(inmost.rotations, alone.rotations)
-    assert np.allclose(inmost.positions, alone.positions)
     assert (aside.rotations > 2 * alone.rotations).all()
+    # The row bends as one.
+    assert np.allclose(aside.positions, inmost.positions)
     assert (aside.positions > alone.positions).all()
     assert np.array_equal(aside.depth, alone.depth)
-    given = [standard_errors(exposed, known(given=(1e-5, 1e-6), centre=centre)).positions for centre in places[1:]]
+    given = [standard_errors(exposed, known(given=(1e-5, 1e-6), places=places)).positions for places in (None, own)]
     assert np.array_equal(*given)
 
 
@@ -85,3 +91,13 @@ def test_tracks_tell_how_sure_depths_are(exposed):
     there = np.zeros((4, 6, 2)) + np.linspace(-0.1, 0.1, 4)[:, None, None]
     found = standard_errors(exposed, known(followed=there))
     assert not np.array_equal(found.depth, standard_errors(exposed, known()).depth)
+
+
+def test_a_turn_that_halves_of_own_tracks_show_makes_the_path_unsure_wherever_others_are(exposed):
+    found, sure = (standard_errors(exposed, known(errors=PathErrors(0.05, turn))) for turn in (0.2, 0.0))
+    assert (found.rotations > sure.rotations).any()
+    assert (found.positions > sure.positions).all()
+    assert np.array_equal(found.depth, sure.depth)
+    sures = (known(errors=PathErrors(0.05, turn), places=np.array([[40.0, 0, 0]])) for turn in (0.0, 1e-4))
+    beside = [standard_errors(exposed, sure).rotations for sure in sures]
+    assert np.array_equal(*beside)

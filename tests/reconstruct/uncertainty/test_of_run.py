@@ -5,12 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.uncertainty import of_run
 from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def known(given=False, expected=None, poses=None, others=None, centre=None):
+def known(given=False, expected=None, poses=None, others=None, places=None):
     poses = path(6) if poses is None else poses
     geometry = SimpleNamespace(
         has_path=True,
@@ -18,23 +19,24 @@ def known(given=False, expected=None, poses=None, others=None, centre=None):
         pose_errors=SimpleNamespace(position=0.01, rotation=0.001) if given else None,
         unit=2.0,
         reference=3,
-        path_error_expected=expected,
+        path_errors=None if expected is None else PathErrors(expected, 0.01),
         followed=np.zeros((1, 6, 2)),
     )
     ensemble = SimpleNamespace(best=SimpleNamespace(world_to_camera=poses))
-    found = of_run._path(geometry, ensemble, others, centre)
+    found = of_run._path(geometry, ensemble, others, places)
     assert found.followed is geometry.followed
-    assert found.centre is centre
+    assert found.errors.turn == (0.0 if expected is None else 0.01)
+    assert found.places is places
     return found
 
 
 @pytest.mark.parametrize("given", [True, False])
 def test_other_exposures_tell_of_depths_along_given_poses_alone(given):
     others = path(2, (4.0, 0, 0))
-    found = known(given, others=others, centre=np.zeros(3))
+    found = known(given, others=others, places=np.zeros((2, 3)))
     assert found.others is (others if given else None)
     assert found.given == ((0.02, 0.001) if given else None)
-    assert found.error == pytest.approx(0.02 / 4.0 if given else factors.path_not_judged)
+    assert found.errors.share == pytest.approx(0.02 / 4.0 if given else factors.path_not_judged)
 
 
 @pytest.mark.parametrize(
@@ -47,4 +49,4 @@ def test_other_exposures_tell_of_depths_along_given_poses_alone(given):
     ],
 )
 def test_the_error_of_a_path_is_that_of_who_judged_it(asked, error):
-    assert known(**asked).error == pytest.approx(error)
+    assert known(**asked).errors.share == pytest.approx(error)

@@ -6,8 +6,8 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.evaluate.trajectory import align
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses, unseen_turn
-from gs2ci.render import se3
 from tests.reconstruct.uncertainty.conftest import path
+from tests.render import se3
 
 FOCAL_PX = np.array([100.0, 100.0])
 
@@ -25,7 +25,7 @@ def test_stated_positions_and_turns_are_those_of_drawn_errors():
 
     true, rng = bent(), np.random.default_rng(0)
     spread = np.tile([2e-4] * 3 + [1e-4] * 3, len(true))
-    positions, rotations = errors_of_poses(np.diag(spread**2), true, 2.0, 1e-3, given=True)
+    positions, rotations = errors_of_poses(np.diag(spread**2), true, 2.0, (1e-3, 0.0), given=True)
     far, turned = [], []
     for _ in range(300):
         twists = torch.from_numpy((spread * rng.standard_normal(len(spread))).reshape(-1, 6))
@@ -41,14 +41,14 @@ def test_a_common_motion_of_all_cameras_is_no_error():
     poses = bent()
     # All cameras move by the same step of the world: the covariance of one direction.
     step = np.concatenate([np.concatenate([-pose[:3, :3] @ [1.0, 2, 3], np.zeros(3)]) for pose in poses])
-    positions, rotations = errors_of_poses(np.outer(step, step), poses, 2.0, 1e-3, given=True)
+    positions, rotations = errors_of_poses(np.outer(step, step), poses, 2.0, (1e-3, 0.0), given=True)
     assert np.allclose(positions, 0, atol=1e-9)
     assert np.allclose(rotations, 0, atol=1e-9)
 
 
 def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_with_its_travel():
     poses, covariance = bent(), 1e-8 * np.eye(42)
-    given, found = (errors_of_poses(covariance, poses, 2.0, 1e-3, given=given) for given in (True, False))
+    given, found = (errors_of_poses(covariance, poses, 2.0, (1e-3, 0.0), given=given) for given in (True, False))
     assert found[0] == pytest.approx(np.hypot(factors.position * given[0], factors.out_of_step * 2e-3))
     assert found[1][0] > found[1][3]
     assert np.square(found[1]).mean() == pytest.approx(np.square(factors.turn * given[1]).mean() + 1e-6)
@@ -56,7 +56,7 @@ def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_wit
 
 @pytest.mark.parametrize("poses", [path(1), path(2), path(5, (0, 0, 0))], ids=["one view", "two views", "at rest"])
 def test_paths_that_determine_no_alignment_have_finite_errors(poses):
-    positions, rotations = errors_of_poses(1e-6 * np.eye(6 * len(poses)), poses, 1.0, 1e-3, given=False)
+    positions, rotations = errors_of_poses(1e-6 * np.eye(6 * len(poses)), poses, 1.0, (1e-3, 0.0), given=False)
     for errors in (positions, rotations):
         assert errors.shape == (len(poses),)
         assert np.isfinite(errors).all()

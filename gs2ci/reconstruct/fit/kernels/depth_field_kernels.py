@@ -5,15 +5,9 @@ outside it has the value of the nearest point of the grid. The tests compare the
 thread, so that sums have one order. Here: the kernels. Not here: steps and settings (`surfaces/depth_field.py`).
 """
 
-from typing import Any
-
-from numpy.typing import NDArray
-
 from gs2ci.core.arrays import F64
 from gs2ci.core.kernels import f32_1, f32_2, f64, f64_1, f64_2, f64_3, helper, i64_1, kernel
 from gs2ci.reconstruct.fit.kernels.distances import bounded, seen_from, turned
-
-Numbers = NDArray[Any]
 
 
 @helper()

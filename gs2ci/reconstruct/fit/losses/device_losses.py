@@ -34,7 +34,7 @@ class DataTermOnDevice:
         height, width, channels = term.shape
         self._row, self._height, self._size = width * channels, height, height * width * channels
         alike = term.similarity
-        arrays = [there(one) for one in (term.target, *alike.of_target, alike.taps, term.fitted)]
+        arrays = [there(one) for one in (term.target, *alike.of_target, alike.taps, term.fitted[..., 0])]
         saturated = np.zeros((height, width)) if term.saturated is None else term.saturated
         self._saturated = wp.from_torch(there(saturated, np.uint8))
         self._predicted, self._gradient, self._apart, self._counted = torch.empty(4, self._size, device=device)

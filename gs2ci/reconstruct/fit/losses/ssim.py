@@ -150,7 +150,7 @@ class SimilarityTo:
         of_target = (mean, mean - middle, mean_square - mean * mean)
         self._of_target = np.stack([self._in_rows(one.astype(np.float32)) for one in of_target])
         self._centred = self._in_rows((exact - middle).astype(np.float32))
-        self._partial = np.empty_like(self._of_target)
+        self._terms, self._partial = np.empty_like(self._of_target), np.empty_like(self._of_target)
         self._apart, self._gradient = np.empty_like(self._target), np.empty_like(self._target)
 
     def _in_rows(self, image: F32) -> F32:
@@ -188,8 +188,10 @@ class SimilarityTo:
         """Compare as `_compare` does; return the sum of 1 − SSIM."""
         height = self._shape[0]
         sums = np.empty(height, np.float64)
-        terms = np.stack([error, error * error, error * self._centred])
-        given = (terms, self._of_target, self._taps, self._shape[2], self._partial, self._apart, sums)
+        self._terms[0] = error
+        np.multiply(error, error, out=self._terms[1])
+        np.multiply(error, self._centred, out=self._terms[2])
+        given = (self._terms, self._of_target, self._taps, self._shape[2], self._partial, self._apart, sums)
         in_parts(_compare, height, height, self._width, *given)
         return float(sums.sum())
 

@@ -86,6 +86,7 @@ class PoseCorrections:
     def __init__(self, world_to_camera: F64, settings: PoseSettings, errors: PoseErrors | None = None) -> None:
         """Start at given poses, [N, 4, 4]; `errors` are standard errors, None if they are unknown."""
         self._initial = torch.from_numpy(world_to_camera).float()
+        self._exactly = self._initial.double().numpy()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)
         self._units = torch.tensor([length] * 3 + [1.0] * 3)
@@ -105,7 +106,7 @@ class PoseCorrections:
         """Return the corrected poses, [N, 4, 4] float32."""
         if self._adam is None:
             return self._initial
-        return (torch.from_numpy(self._corrections().matrices) @ self._initial.double()).float()
+        return torch.from_numpy((self._corrections().matrices @ self._exactly).astype(np.float32))
 
     def pull(self, world_to_camera: Tensor, gradient: Image) -> None:
         """Accumulate the gradient by the twists, from a gradient by the poses, [N, 4, 4].

@@ -12,11 +12,10 @@ depths of whole regions (`surfaces/depth_field.py`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
@@ -29,7 +28,6 @@ from gs2ci.reconstruct.fit.kernels.distances import MOST_GROWTH, most_growth, se
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.render.conventions import NEAR
 
-Numbers = NDArray[Any]
 Share = Annotated[float, Field(gt=0, le=1)]
 
 

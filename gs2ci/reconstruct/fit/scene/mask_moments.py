@@ -24,14 +24,16 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.cameras import in_camera, in_world
+from gs2ci.core.cameras import in_world
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import MaskMomentsSection
 from gs2ci.reconstruct.choices import WithinMask
 from gs2ci.reconstruct.fit.scene.rigid import MomentsOfPath
+from gs2ci.reconstruct.geometry.depth.view_depths import project
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.path.motion import rays
 
 # Motion is measured at one in so many pixels of the middle view, along rows and columns.
 _STRIDE_PX: Final = 3
@@ -243,22 +245,13 @@ def _within_masks(
     """Return rows and columns of some pixels, [P], and their motion in each mask, [P, 2] px; NaN behind a camera."""
     height, width = geometry.inverse_depth.shape
     rows, columns = np.mgrid[1 : height - 1 : _STRIDE_PX, 1 : width - 1 : _STRIDE_PX].reshape(2, -1)
-    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
-    rays = pixels @ np.linalg.inv(geometry.intrinsics).T
-    in_middle = rays / geometry.inverse_depth[rows, columns].astype(np.float64)[:, None]
+    directions = rays(np.stack([columns, rows], axis=1) + 0.5, geometry.intrinsics)
+    in_middle = directions / geometry.inverse_depth[rows, columns].astype(np.float64)[:, None]
     points = in_world(in_middle, world_to_camera[geometry.reference])
     masks, half = np.arange(len(world_to_camera)), np.asarray(open_share, np.float64) / 2
     first, last = (MomentsOfPath(world_to_camera, at, masks, masks < 0).exact for at in (-half, half))
-    seen = ([_seen(points, pose, geometry.intrinsics) for pose in poses] for poses in (first, last))
+    seen = ([project(points, pose, geometry.intrinsics)[0] for pose in poses] for poses in (first, last))
     return rows, columns, [after - before for before, after in zip(*seen, strict=True)]
-
-
-def _seen(points: F64, pose: F64, intrinsics: F64) -> F64:
-    """Project world points, [P, 3], to pixels, [P, 2]; NaN behind the camera."""
-    there = in_camera(points, pose)
-    depth = there[:, 2:]
-    seen: F64 = (there / np.where(depth > 0, depth, np.nan) @ intrinsics.T)[:, :2]
-    return seen
 
 
 def _rms(values: F64) -> float:

@@ -21,13 +21,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
+from gs2ci.core.kernels import f64_3, i64, kernel
 
 # A series ends where its terms are below this.
 _LEAST_TERM: Final = 1e-17
 # Of larger turns, rad, doublings would leave few digits; only steps that explode make them.
 _MOST_TURNED: Final = 1e6
-_CROSSES: Final = np.cross(np.eye(3), np.eye(3)[:, None])
-"""The cross-product matrix of each axis, [3, 3, 3]."""
+_CROSSES: Final = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
+"""The cross-product matrix of each axis, row by row."""
 
 
 class RigidMotions:
@@ -128,7 +129,9 @@ def _by_steps(by_before: F64, by_after: F64) -> F64:
 
 def _by_twists(poses: F64, gradient: F64) -> F64:
     """Return the gradient by twists after poses, [V, 6], given that by the poses, [V, 4, 4]."""
-    turning = np.cross(poses[:, :3], gradient[:, :3], axis=1).sum(axis=2)
+    # The sum of the columns' cross products.
+    products = poses[:, :3] @ gradient[:, :3].transpose(0, 2, 1)
+    turning = (products - products.transpose(0, 2, 1))[:, (1, 2, 0), (2, 0, 1)]
     return np.concatenate([gradient[:, :3, 3], turning], axis=1)
 
 
@@ -136,9 +139,14 @@ def _by_poses(poses: F64, by_twists: F64) -> F32:
     """Return a gradient by poses, [N, 4, 4], that has given ones by twists after them, [N, 6]."""
     found = np.zeros(poses.shape, np.float32)
     found[:, :3, 3] = by_twists[:, :3]
-    turning = by_twists[:, 3:] - np.cross(poses[:, :3, 3], by_twists[:, :3])
-    found[:, :3, :3] = 0.5 * np.cross(turning[:, :, None], poses[:, :3, :3], axis=1)
+    turning = by_twists[:, 3:] - (_crosses(poses[:, :3, 3]) @ by_twists[:, :3, None])[..., 0]
+    found[:, :3, :3] = 0.5 * _crosses(turning) @ poses[:, :3, :3]
     return found
+
+
+def _crosses(vectors: F64) -> F64:
+    """Return the cross-product matrices of vectors, [V, 3], [V, 3, 3]."""
+    return (vectors @ _CROSSES).reshape(-1, 3, 3)
 
 
 def _series(twists: F64) -> tuple[F64, F64]:
@@ -152,21 +160,48 @@ def _series(twists: F64) -> tuple[F64, F64]:
         return unknown, unknown
     doublings = max(0, math.frexp(angle)[1])
     twists, angle = twists / 2**doublings, angle / 2**doublings
-    commutator = np.zeros((len(twists), 6, 6))
-    commutator[:, :3, :3] = commutator[:, 3:, 3:] = np.tensordot(twists[:, 3:], _CROSSES, 1)
-    commutator[:, :3, 3:] = np.tensordot(twists[:, :3], _CROSSES, 1)
-    power = np.broadcast_to(np.eye(6), commutator.shape)
-    jacobian, adjoint = power.copy(), power.copy()
-    largest, k = 1.0, 0
+    jacobian, adjoint = np.zeros((2, len(twists), 6, 6))
+    largest, terms = 1.0, 0
     while largest > _LEAST_TERM:
-        k += 1
-        power = power @ commutator / k
-        adjoint += power
-        jacobian += power / (k + 1)
-        largest = max(angle, _LEAST_TERM) ** (k - 1) / math.factorial(k - 1)
+        terms += 1
+        largest = max(angle, _LEAST_TERM) ** (terms - 1) / math.factorial(terms - 1)
+    _sum_series(_crosses(twists[:, 3:]), _crosses(twists[:, :3]), terms, jacobian, adjoint)
     for _ in range(doublings):
         jacobian, adjoint = (jacobian + adjoint @ jacobian) / 2, adjoint @ adjoint
     return jacobian, adjoint
+
+
+@kernel(f64_3, f64_3, i64, f64_3, f64_3)
+def _sum_series(turning: F64, moving: F64, terms: int, jacobian: F64, adjoint: F64) -> None:
+    """Add so many terms of both series, beside the identity, to matrices of zeros, [V, 6, 6].
+
+    Args:
+        turning: The cross-product matrices of the twists' rotations, [V, 3, 3].
+        moving: Those of their translations.
+        terms: How many.
+        jacobian: Written.
+        adjoint: Written.
+    """
+    for v in range(len(turning)):
+        # The two blocks of a power, of which the lower left one is zero, and the lower right one as the upper left one.
+        power = np.zeros((2, 3, 3))
+        for i in range(3):
+            power[0, i, i] = 1
+        for k in range(terms + 1):
+            if k > 0:
+                before = power.copy()
+                for i in range(3):
+                    for j in range(3):
+                        turned, moved = 0.0, 0.0
+                        for m in range(3):
+                            turned += before[0, i, m] * turning[v, m, j]
+                            moved += before[0, i, m] * moving[v, m, j] + before[1, i, m] * turning[v, m, j]
+                        power[0, i, j], power[1, i, j] = turned / k, moved / k
+            for i in range(3):
+                for j in range(3):
+                    for row, column, block in ((i, j, 0), (i + 3, j + 3, 0), (i, j + 3, 1)):
+                        adjoint[v, row, column] += power[block, i, j]
+                        jacobian[v, row, column] += power[block, i, j] / (k + 1)
 
 
 def _transposed(matrices: F64, vectors: F64) -> F64:

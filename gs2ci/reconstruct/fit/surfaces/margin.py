@@ -24,6 +24,7 @@ from gs2ci.core.cameras import in_camera, in_world
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.scene.start import SIZE_PER_DISTANCE, round_gaussians
+from gs2ci.reconstruct.geometry.path.motion import rays
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
@@ -155,9 +156,7 @@ class _Frame:
 
     def rays(self, places: NDArray[np.int64]) -> F64:
         """Return the rays of pixels, given as row and column, [P, 2]: [P, 3]."""
-        homogeneous = np.concatenate([places[:, ::-1] + 0.5, np.ones((len(places), 1))], axis=1)
-        found: F64 = homogeneous @ np.linalg.inv(self.intrinsics).T
-        return found
+        return rays(places[:, ::-1].astype(np.float64) + 0.5, self.intrinsics)
 
     def outside(self, width: int, stride: int) -> _Outside:
         """List every `stride`-th place, along rows and columns, that is at most `width` pixels outside."""

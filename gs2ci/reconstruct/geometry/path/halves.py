@@ -17,10 +17,11 @@ compared with a path for which they were not (`bundle`): the effect of these pos
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, I64, Bool
 from gs2ci.core.cameras import camera_centres
@@ -38,14 +39,28 @@ CELLS: Final = 8
 LEAST_VIEWS: Final = 3
 
 
+@dataclass(frozen=True)
+class PathErrors:
+    """What is to be expected of a path: root mean squares over halves and views.
+
+    Args:
+        share: Distance between camera centres after a similarity, as a share of the diagonal of the path's bounding
+            box; finite, and at most 1, since a half without a motion errs by the whole path.
+        turn: Angle between orientations after the turn that all cameras have in common, rad.
+    """
+
+    share: float
+    turn: float
+
+
 def expected_path_error(
     motion: CameraMotion,
     tracks: Tracks,
     intrinsics: F64,
     size: tuple[int, int],
     settings: MotionSettings = USUAL_MOTION,
-) -> float | None:
-    """Estimate the error of a path that was adjusted to tracks, from the paths of halves of the tracks.
+) -> PathErrors | None:
+    """Estimate the errors of a path that was adjusted to tracks, from the paths of halves of the tracks.
 
     Errors that all tracks share do not show: those of a wrong camera matrix, a moving scene, or a reversed order of
     depth; nor does a rotation of all cameras against their path.
@@ -58,13 +73,11 @@ def expected_path_error(
         settings: How to adjust.
 
     Returns:
-        Root mean square over halves and views of the distance between camera centres after a similarity, as a share
-        of the diagonal of the path's bounding box; always finite, and at most 1, since a half without a motion errs by
-        the whole path. None if there is no path: no tracks, fewer than three views that see them, a camera that stays
-        in place.
+        The errors; None if there is no path: no tracks, fewer than three views that see them, a camera that stays in
+        place.
     """
     placed = tracks.seen.any(axis=0)
-    path = camera_centres(motion.world_to_camera)[placed]
+    path = motion.world_to_camera[placed]
     if len(path) < LEAST_VIEWS:
         return None
 
@@ -111,22 +124,25 @@ def times_better_foretold(
     return float(np.sqrt(np.median(squares))) if squares else 0.0
 
 
-def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> float | None:
-    """Return the root mean square distance of the paths of halves from that of all, as a share of its extent.
+def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> PathErrors | None:
+    """Return how far the paths of halves are from that of all.
 
     Args:
-        path: Camera centres, [N, 3].
+        path: World-to-camera poses, [N, 4, 4].
         group: Of each observation, [P]: a half has whole groups.
-        again: Estimates the camera centres, [N, 3], from some of the observations, [P].
+        again: Estimates the poses, [N, 4, 4], from some of the observations, [P].
 
     Returns:
-        The share; None if the camera stays in place.
+        The errors; None if the camera stays in place.
     """
-    extent = float(np.linalg.norm(np.ptp(path, axis=0)))
+    centres = camera_centres(path)
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
     if extent == 0:
         return None
-    squares = [squared_distance(again(half), path) for half in _halves(group)]
-    return float(np.sqrt(np.mean(squares))) / extent
+    found = [again(half) for half in _halves(group)]
+    far = np.mean([squared_distance(camera_centres(poses), centres) for poses in found])
+    turned = np.mean([_squared_turn(poses, path) for poses in found])
+    return PathErrors(float(np.sqrt(far)) / extent, float(np.sqrt(turned)))
 
 
 def squared_distance(centres: F64, path: F64) -> float:
@@ -143,6 +159,12 @@ def squared_distance(centres: F64, path: F64) -> float:
         values[-1] = -values[-1]
     # The residual at the least-squares scale. Rounding may make it slightly negative.
     return max(whole - float(values.sum()) ** 2 / spread, 0.0) / len(path)
+
+
+def _squared_turn(poses: F64, path: F64) -> float:
+    """Get the mean squared angle between the cameras of two paths, after the turn that all have in common, rad²."""
+    between = Rotation.from_matrix(poses[:, :3, :3].transpose(0, 2, 1) @ path[:, :3, :3])
+    return float(np.square((between * between.mean().inv()).magnitude()).mean())
 
 
 def _halves(group: I64) -> Iterator[Bool]:
@@ -170,11 +192,11 @@ def cells(tracks: Tracks, size: tuple[int, int]) -> I64:
 
 
 def _found_again(motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings) -> F64:
-    """Estimate camera centres from some of the tracks, [N, 3], starting from the path of all tracks.
+    """Estimate poses from some of the tracks, [N, 4, 4], starting from the path of all tracks.
 
-    A view that none of them reaches keeps its centre.
+    A view that none of them reaches keeps its pose.
     """
     if not chosen.any():
-        return np.zeros_like(motion.translations)
+        return np.tile(np.eye(4), (len(motion.translations), 1, 1))
     start = replace(motion, inverse_depth=motion.inverse_depth[chosen])
-    return camera_centres(adjust(tracks.keep(chosen), intrinsics, settings, start).world_to_camera)
+    return adjust(tracks.keep(chosen), intrinsics, settings, start).world_to_camera

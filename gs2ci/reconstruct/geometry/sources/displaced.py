@@ -24,14 +24,13 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, error_from_halves
+from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, PathErrors, error_from_halves
 from gs2ci.reconstruct.geometry.path.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
@@ -242,10 +241,10 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         return without
     there = blocks.adjusted(_reversed(here))
     notes = (
-        finding(Code.PATH_BY_DISPLACEMENTS, blocks=len(blocks), share=expected),
+        finding(Code.PATH_BY_DISPLACEMENTS, blocks=len(blocks), share=expected.share),
         *doubts_about_path(expected, criteria),
     )
-    found = _seen_along(request, replace(without, verdict=Verdict.FULL, path_error_expected=expected), blocks, here)
+    found = _seen_along(request, replace(without, verdict=Verdict.FULL, path_errors=expected), blocks, here)
     kept = tuple(note for note in still.notes if note.code not in _OVERRULED)
     found = replace(found, notes=(*kept, *notes))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
@@ -334,19 +333,19 @@ def _poses(moves: F64, over_time: F64, reference: int) -> F64:
     return found
 
 
-def expected_error(blocks: DisplacedBlocks, motion: BlockMotion, reference: int) -> float | None:
-    """Return the expected error of a path, as a share of its extent, from halves of the blocks; see `halves`.
+def expected_error(blocks: DisplacedBlocks, motion: BlockMotion, reference: int) -> PathErrors | None:
+    """Return the expected errors of a path, from halves of the blocks; see `halves`.
 
     None if the camera stays in place.
     """
 
-    def centres(moves: F64) -> F64:
-        return camera_centres(_poses(moves, blocks.displaced.over_time, reference))
+    def path(moves: F64) -> F64:
+        return _poses(moves, blocks.displaced.over_time, reference)
 
     def again(half: Bool) -> F64:
-        return centres(blocks.subset(half).adjusted(motion.moves).moves)
+        return path(blocks.subset(half).adjusted(motion.moves).moves)
 
-    return error_from_halves(centres(motion.moves), np.arange(len(blocks)), again)
+    return error_from_halves(path(motion.moves), np.arange(len(blocks)), again)
 
 
 def _reversed(motion: BlockMotion) -> F64:

@@ -13,7 +13,7 @@ Here: the scenes and their expected error. Not here: features and their matches 
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -23,7 +23,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres, path_extent
 from gs2ci.core.colmap import pycolmap, quietly
-from gs2ci.reconstruct.geometry.path.halves import error_from_halves, squared_distance
+from gs2ci.reconstruct.geometry.path.halves import PathErrors, error_from_halves, squared_distance
 from gs2ci.reconstruct.threads import in_threads
 
 # Fewest matches of a pair that its essential matrix confirms. Decoded photographs 15° apart, in which a third of the
@@ -82,14 +82,14 @@ class MappedScene:
         world_to_camera: Poses, [N, 4, 4].
         points: In the world, [P, 3].
         rms_px: Mean reprojection error.
-        error_expected: Expected error of the path, as a share of its extent: the larger of what halves of the points
-            show and the distance of a path that explains hardly fewer matches. None for a camera that stays in place.
+        path_errors: Expected errors of the path: of places, the larger of what halves of the points show and how far a
+            path is that explains hardly fewer matches. None for a camera that stays in place.
     """
 
     world_to_camera: F64
     points: F64
     rms_px: float
-    error_expected: float | None
+    path_errors: PathErrors | None
 
 
 def grown_scene(
@@ -183,16 +183,16 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
     numbers = np.array(sorted(model.points3D))
 
     def without(half: Bool) -> F64:
-        return camera_centres(_poses(_adjusted_without(model, numbers[half].tolist()), views))
+        return _poses(_adjusted_without(model, numbers[half].tolist()), views)
 
-    error = error_from_halves(path, np.arange(len(numbers)), without)
-    if error is not None:
+    expected = error_from_halves(poses, np.arange(len(numbers)), without)
+    if expected is not None:
         extent = path_extent(poses)
         rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
         apart = [squared_distance(camera_centres(_poses(rival, views)), path) ** 0.5 / extent for rival in rivals]
-        error = max(error, *apart, 0.0)
+        expected = replace(expected, share=max(expected.share, *apart, 0.0))
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), error)
+    return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), expected)
 
 
 def _poses(model: Any, views: int) -> F64:

@@ -22,8 +22,8 @@ from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser, StepSiz
 from gs2ci.reconstruct.fit.optimiser.view_steps import ReferenceView
 from gs2ci.render import places, recording
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.se3 import exp
 from tests.reconstruct.fit.reading_back import reads
+from tests.render.se3 import exp
 
 GAUSSIANS = 500
 NEAR = 0.05

@@ -5,7 +5,7 @@ import torch
 from gs2ci.reconstruct.fit.optimiser.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.fit.scene.rigid import RigidMotions
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
-from gs2ci.render import se3
+from tests.render import se3
 
 VIEWS = 3
 

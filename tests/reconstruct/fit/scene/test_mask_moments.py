@@ -12,9 +12,9 @@ from gs2ci.reconstruct.fit.coarse.stopping import Watch
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, MaskMomentSettings, bounds, mask_times, needed
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
 from tests.reconstruct.fit.plane_fits import QUICK, run
+from tests.render import se3
 
 MASKS = 4
 

@@ -8,9 +8,9 @@ from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
 from tests.reconstruct.fit.scene.test_rigid import poses_of_the_graph
+from tests.render import se3
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.scene.rigid import RigidMotions
-from gs2ci.render import se3
+from tests.render import se3
 
 
 def _turning(masks, by):

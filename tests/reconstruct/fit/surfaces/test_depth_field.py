@@ -11,8 +11,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.kernels.distances import FARTHEST
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, DepthFieldSettings, FieldStep
-from gs2ci.render import se3
 from gs2ci.render.gaussians import Gaussians
+from tests.render import se3
 
 WIDEST = (0.5, 0.4)
 SETTINGS = DepthFieldSettings(every=1)

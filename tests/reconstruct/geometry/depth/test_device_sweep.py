@@ -11,8 +11,8 @@ from gs2ci.reconstruct.geometry.depth import device_sweep
 from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
 from gs2ci.reconstruct.geometry.depth.sweep import plane_homographies
-from gs2ci.render.se3 import exp
 from tests.reconstruct.fit.reading_back import reads
+from tests.render.se3 import exp
 
 HEIGHT, WIDTH, FOCAL_PX = 24, 40, 24.0
 MATRIX = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1]])

@@ -1,0 +1,137 @@
+"""The log of a user's own stage beside a measurement: poses, and what is no such log."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.options import ImportOptions
+from gs2ci.core.foreign.stage_log import USUAL_WAYS, stage_poses
+
+PLACES = np.array([[0, 0, 0], [1, 0.5, 0], [2, 1, -0.5], [3, 1.5, -1.0]])
+
+
+def log(tmp_path, text, name="stage.csv"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def rows(places, mark=",", form="{:g}"):
+    return "\n".join(mark.join(form.format(value) for value in place) for place in places) + "\n"
+
+
+def centres(given):
+    return np.linalg.inv(given.values)[:, :3, 3]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x_mm,y_mm,z_mm\n" + rows(PLACES), "x_mm = x, in mm"),
+        ("x,y,z\n" + rows(PLACES), "x = x, of no named unit"),
+        ("X [mm];Y [mm];Z [mm]\n" + rows(PLACES, ";").replace(".", ","), "X [mm] = x, in mm"),
+        ("x_um\ty_um\tz_um\n" + rows(1000 * PLACES, "\t"), "x_um = x, in um"),
+        ("x (m), y (m), z (m)\n" + rows(PLACES / 1000), "y (m) = y, in m"),
+        ("# x y z\n" + rows(PLACES, " ", "{:.6e}"), "x = x"),
+        (rows(PLACES, "   "), "columns without names, taken for x, y, z"),
+        ("time_s,z_mm,x_mm,y_mm\n" + rows(np.c_[[0, 1, 2, 3], PLACES[:, [2, 0, 1]]]), "not used: time_s"),
+        ("\ufeffx_mm,y_mm,z_mm,yaw_deg\n" + rows(np.c_[PLACES, np.ones(4)]), "not used: yaw_deg"),
+    ],
+)
+def test_a_table_of_positions_becomes_poses_of_a_camera_that_does_not_turn(tmp_path, text, words):
+    guesses = []
+    given = stage_poses(log(tmp_path, text), USUAL_WAYS, guesses)
+    assert np.allclose(centres(given), PLACES)
+    assert np.array_equal(given.values[:, :3, :3], np.tile(np.eye(3), (4, 1, 1)))
+    assert any(words in guess for guess in guesses)
+    assert any("right as x grows, down as y grows, ahead as z grows" in guess for guess in guesses)
+
+
+@pytest.mark.parametrize("text", ["position_mm\n0\n1\n2\n3\n", "0\n1\n2\n3\n", "frame,pos\n1,0\n2,1\n3,2\n4,3\n"])
+def test_the_positions_of_a_single_axis_are_those_of_x(tmp_path, text):
+    given = stage_poses(log(tmp_path, text), ("left", "down", "ahead"), [])
+    assert np.allclose(centres(given), np.outer([0, -1, -2, -3], [1, 0, 0]))
+
+
+def test_the_axes_of_the_log_go_where_the_user_says(tmp_path):
+    given = stage_poses(log(tmp_path, "x,y,z\n" + rows(PLACES)), ("up", "ahead", "left"), [])
+    assert np.allclose(centres(given), np.c_[-PLACES[:, 2], -PLACES[:, 0], PLACES[:, 1]])
+
+
+@pytest.mark.parametrize("shown", ["places", "one axis", "a column", "poses"])
+def test_an_array_holds_positions_or_poses(tmp_path, shown):
+    poses, along = np.tile(np.eye(4), (4, 1, 1)), np.arange(4.0)
+    poses[:, 0, 3] = -along
+    forms = {"places": np.outer(along, [1, 0, 0]), "one axis": along, "a column": along[:, None], "poses": poses}
+    np.save(tmp_path / "stage.npy", forms[shown])
+    assert np.allclose(stage_poses(tmp_path / "stage.npy", USUAL_WAYS, []).values, poses)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no rows"),
+        ("x,y,z\n", "names, and no rows"),
+        ("x,y,z\n0,0,0\n1,oh,0\n", "row 2 of the log is no row of numbers"),
+        ("x,y,z\n0,0,0\n1,0\n", "row 2 of the log is no row of numbers"),
+        ("x,y\n0,0,0\n1,0,0\n", "2 names for 3 columns"),
+        ("0,0\n1,0\n", "2 columns without names"),
+        ("x_mm,x_um\n0,0\n1,1000\n", "two columns for x"),
+        ("time_s,temperature\n0,20\n1,21\n", "columns time_s, temperature, none of them a position"),
+        ("x,yaw_deg\n0,0\n1,3.4\n", "column yaw_deg turns the camera"),
+        ("x\n0\nnan\n", "position 2 holds NaN or infinity"),
+        ("x\n5\n5\n", "all 2 positions are the same"),
+    ],
+)
+def test_what_is_no_log_of_positions_is_refused(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        stage_poses(log(tmp_path, text), USUAL_WAYS, [])
+
+
+def test_a_log_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        stage_poses(tmp_path / "none.csv", USUAL_WAYS, [])
+    (tmp_path / "bytes.csv").write_bytes(b"x,y\n\xff\xfe\x00\n")
+    with pytest.raises(InputError, match=r"bytes\.csv"):
+        stage_poses(tmp_path / "bytes.csv", USUAL_WAYS, [])
+    np.save(tmp_path / "two.npy", np.zeros((4, 2)))
+    with pytest.raises(InputError, match=r"an array of shape \[4, 2\]"):
+        stage_poses(tmp_path / "two.npy", USUAL_WAYS, [])
+
+
+@pytest.mark.parametrize("ways", [("right", "left", "ahead"), ("right", "down"), ("right", "down", "north"), ()])
+def test_ways_that_are_not_three_at_right_angles_are_refused(tmp_path, ways):
+    with pytest.raises(InputError, match=r"--stage-axes.*three of right, left, down, up, ahead, back"):
+        stage_poses(log(tmp_path, "x\n0\n1\n"), ways, [])
+
+
+def test_poses_have_axes_of_their_own(tmp_path):
+    np.save(tmp_path / "poses.npy", np.tile(np.eye(4), (4, 1, 1)))
+    with pytest.raises(InputError, match=r"--stage-axes with .*poses\.npy, which holds poses"):
+        stage_poses(tmp_path / "poses.npy", ("left", "down", "ahead"), [])
+
+
+def test_a_log_beside_a_measurement_is_its_telemetry(scene, take, said, tmp_path):
+    made = scene(n=4)
+    options = ImportOptions(stage=log(tmp_path, "x_mm,y_mm,z_mm\n" + rows(PLACES)), stage_error=0.02)
+    imported = take(options, meas=made.meas, mask=made.masks)
+    (shot,) = imported.shots
+    assert np.allclose(np.linalg.inv(shot.telemetry_world_to_camera)[:, :3, 3], PLACES)
+    assert shot.provenance["telemetry"] == {"position_error": 0.02}
+    assert said(imported, "stage.csv: poses of the stage")
+    assert shot.truth.world_to_camera is None
+
+
+def test_each_of_several_exposures_takes_its_part_of_the_log(scene, take, tmp_path):
+    made = [scene(n=4, seed=seed) for seed in (0, 1)]
+    options = ImportOptions(stage=log(tmp_path, rows(np.concatenate([PLACES, PLACES + 7]))))
+    shots = take(options, meas=np.stack([one.meas for one in made]), masks=np.stack([one.masks for one in made])).shots
+    assert len(shots) == 2
+    assert np.allclose(np.linalg.inv(shots[1].telemetry_world_to_camera)[:, :3, 3], PLACES + 7)
+
+
+def test_a_log_of_another_number_of_positions_is_refused(scene, take, tmp_path):
+    made = scene(n=5)
+    options = ImportOptions(stage=log(tmp_path, rows(PLACES)))
+    with pytest.raises(InputError, match=r"stage\.csv: 4 positions for 5 masks; allowed: one for each mask"):
+        take(options, meas=made.meas, mask=made.masks)
