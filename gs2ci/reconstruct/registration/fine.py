@@ -50,10 +50,6 @@ class MisfitEstimate:
         """Get value and standard error of the estimated parameters, by name."""
         return {name: (getattr(self.misfit, name), error) for name, error in self.errors.items()}
 
-    def is_sure(self, name: str) -> bool:
-        """Tell whether a parameter was estimated and is significant."""
-        return abs(getattr(self.misfit, name)) >= BY_NAME[name].errors * self.errors.get(name, 0.0) > 0
-
 
 @dataclass(frozen=True)
 class Problem:
