@@ -67,7 +67,7 @@ class RegistrationSettings(Bounded):
     Args:
         mode: "auto" corrects what the measurement surely shows; "off" uses masks and readings as stated.
         most_shift_px: Largest shift that is searched for.
-        restores: Whether masks of open and closed elements that are stated soft or with noise are restored (`sharpen`).
+        restores: Whether open and closed elements that are stated soft, or crisp with noise, are restored (`sharpen`).
     """
 
     mode: RegistrationMode = "auto"
