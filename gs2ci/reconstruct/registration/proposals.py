@@ -79,9 +79,12 @@ def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitE
     # Soft masks have no edges, and what their noise takes from the pattern looks like a leak or a black level as well.
     is_crisp = tells_light and softness(one_of(shot.masks)) <= CRISP
     if edges and is_crisp:
-        wider, all_edges = _with_edges(problem, found)
+        # Last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and leak are
+        # estimated again along with the width, the black level only if there was one before: it looks like a leak.
+        (width,) = EDGES
+        wider, all_edges = _with(problem, found, {width, "blur_px2", "leak"}, width)
         more = [] if wider is None else [wider]
-        asked.append(replace(all_edges, errors={name: all_edges.errors[name] for name in EDGES}))
+        asked.append(replace(all_edges, errors={width: all_edges.errors[width]}))
     if is_crisp and not more:
         more = _with_either(problem, found)
     straightened = [_beside_the_other(one, estimate) for one in (found, *more) if one.errors]
@@ -164,17 +167,6 @@ def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEsti
     kept = set(_ALIKE) & set(found.errors)
     wider = {name: max(found.errors[name], both.errors[name]) for name in kept if len(kept) == 1}
     return replace(found, errors={**found.errors, **wider})
-
-
-def _with_edges(problem: Problem, found: MisfitEstimate) -> tuple[MisfitEstimate | None, MisfitEstimate]:
-    """Estimate whether open elements are wider or narrower than stated; see `_with`.
-
-    This comes last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and
-    leak are estimated again along with the width, the black level only if there was one before: leak and black level
-    are so similar that neither is significant if both are estimated.
-    """
-    (width,) = EDGES
-    return _with(problem, found, {width, "blur_px2", "leak"}, width)
 
 
 def _with(
