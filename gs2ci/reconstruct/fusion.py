@@ -17,7 +17,8 @@ Here: the candidates, the name of the result, and how long polishing takes. Not 
 
 import math
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -30,13 +31,14 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
+from gs2ci.reconstruct.decode.weighing import decode_weighing
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
-from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.settings import Settings
@@ -72,6 +74,8 @@ class Recovered:
     """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
     scene_views: F32 | None = None
     """Views of the best scene at the middle of each mask's time; None: those of the fit."""
+    parts: Mapping[Verdict, float] = field(default_factory=dict)
+    """The share of each in the views."""
 
     @property
     def is_decode(self) -> bool:
@@ -87,8 +91,8 @@ class Recovered:
         """Return the views at the middle of each mask's time.
 
         The views are corrected by the difference between the scenes' renderings at the middle and over the whole time:
-        views of the best scene by its own difference, refined views, which are made of all averaged fits, by the mean
-        of theirs. A decode is not corrected, since it has no camera path.
+        the best scene's share by its own difference, that of refined views, which are made of all averaged fits, by the
+        mean of theirs. The decode's share is not corrected, since it has no camera path.
         """
         if renderer.moments_per_mask == 1:
             return self
@@ -97,9 +101,8 @@ class Recovered:
             renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
             for fit in averaged
         ]
-        mean = np.mean(differ, axis=0, dtype=np.float32)
-        correction = {"refined": mean, "scene": differ[0], "decode": np.float32(0)}[self.verdict]
-        views = self.views + correction
+        by_mean, by_scene = (np.float32(self.parts.get(name, 0.0)) for name in ("refined", "scene"))
+        views = self.views + by_mean * np.mean(differ, axis=0, dtype=np.float32) + by_scene * differ[0]
         return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
 
 
@@ -126,15 +129,15 @@ def hand_over(
     holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
     if settings.residual is None or not holdout.pixels.any():
         judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
-        return Recovered(own, "scene", judged, _doubts(holdout, own))
+        return Recovered(own, "scene", judged, _doubts(holdout, own), parts={"scene": 1.0})
     unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
     if LeftOut.ERRORS_OVER_TIME in settings.left_out:
         unfollowed = np.zeros_like(unfollowed)
     if unfollowed.any():
         own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
-    noise_by_reading = noise_of_readings(holdout, ensemble.views)
+    noise_by_reading, by_factor = _noise(first, ensemble.views, settings)
     least_noise = mean_power(noise_by_reading, holdout)
-    noise = least_noise * followed(holdout, ensemble.views)
+    noise = least_noise * by_factor
     refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
@@ -155,7 +158,8 @@ def hand_over(
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
     # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
-    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
+    alone = shares(holdout, {**candidates, **decode}, least_noise).get("decode", 0.0) >= _ALL_BUT
+    if settings.polish is not None and not alone:
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
@@ -174,7 +178,7 @@ def hand_over(
         verdict = "refined"
     if verdict != "refined":
         wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
-        notes = ()
+        of, notes = {verdict: 1.0}, ()
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
@@ -183,7 +187,22 @@ def hand_over(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
-    return Recovered(given.full, verdict, judged, (*doubts, *_expected_to_err(holdout, given, least_noise), *notes))
+    notes = (*doubts, *_expected_to_err(holdout, given, least_noise), *notes)
+    return Recovered(given.full, verdict, judged, notes, parts=of)
+
+
+def _noise(first: FirstLook, views: F32, settings: Settings) -> tuple[F32, float]:
+    """Return the noise of the readings, [H, W, C], as scenes' views, [N, H, W, C], tell it; and a factor on its mean.
+
+    Where they surely explain less than the decode, much of what they leave is no noise: as much is as a decode had
+    better weigh.
+    """
+    holdout = first.holdout
+    found = noise_of_readings(holdout, views)
+    fails = surely_larger(holdout.squared_residuals(views), holdout.squared_residuals(first.decoded))
+    if not fails or LeftOut.DECODE_WEIGHS_NOISE in settings.left_out:
+        return found, followed(holdout, views)
+    return decode_weighing((holdout, *holdout.beside), settings.decode, found)[1], 1.0
 
 
 def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
@@ -226,11 +245,6 @@ def _polished_densely(
         return None, ()
     full = patch_decode_from(holdout.every_shot, polished, PatchSettings.to_the_end())
     return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
-
-
-def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdout, noise: float) -> bool:
-    """Tell whether one candidate would get nearly all the weight."""
-    return name in candidates and shares(holdout, candidates, noise)[name] >= _ALL_BUT
 
 
 def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) -> Candidate:

@@ -90,6 +90,15 @@ def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
     assert Code.VIEWS_COMBINED not in [note.code for note in given.notes]
 
 
+@pytest.mark.parametrize(("noise", "gained_db"), [(0.0, 0.5), (0.05, 0.3), (0.3, 0.3)])
+def test_what_a_scene_that_fails_leaves_is_noise_only_as_far_as_a_decode_bears_it_out(noise, gained_db):
+    """Without noise a decode that weighs it lacks detail; with much noise, one that weighs none shows it."""
+    truth = moving()
+    first = look_at(truth, noise)
+    given = handed(first, moving(seed=9))
+    assert psnr(given.views, truth) > psnr(gap_tv(first.holdout.shot), truth) + gained_db
+
+
 @pytest.mark.parametrize("settings", [SETTINGS, UNPOLISHED], ids=["polished", "unpolished"])
 def test_in_a_hurry_the_measurement_is_decoded_once_more_and_no_oftener(monkeypatch, settings):
     truth, decoded = moving(), []

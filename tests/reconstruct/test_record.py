@@ -80,14 +80,22 @@ def fit_of(in_the_middle, over_the_time):
     return SimpleNamespace(scene=in_the_middle, views=views, world_to_camera=np.eye(4)[None])
 
 
-@pytest.mark.parametrize(("verdict", "delivered"), [("scene", 0.5), ("refined", 0.7), ("decode", 0.4)])
-def test_views_at_the_middle_of_the_masks_are_corrected_by_the_scenes_that_they_are_made_of(verdict, delivered):
+@pytest.mark.parametrize(
+    ("parts", "delivered"),
+    [
+        ({"scene": 1.0}, 0.5),
+        ({"refined": 1.0}, 0.7),
+        ({"decode": 1.0}, 0.4),
+        ({"refined": 0.2, "scene": 0.3, "decode": 0.5}, 0.49),
+    ],
+)
+def test_views_at_the_middle_of_the_masks_are_corrected_by_the_scenes_that_they_are_made_of(parts, delivered):
     renderer = SimpleNamespace(
         moments_per_mask=3, times=None, views=lambda scene, poses, times: np.full(SHAPE, scene, np.float32)
     )
     ensemble = SimpleNamespace(best=fit_of(0.5, 0.4), others=(fit_of(0.9, 0.4), fit_of(7.0, 0.4)), averaged=2)
     exposed = np.full(SHAPE, 0.4, np.float32)
-    found = Recovered(exposed, verdict, {}, ()).in_the_middle(ensemble, renderer)
+    found = Recovered(exposed, "refined", {}, (), parts=parts).in_the_middle(ensemble, renderer)
     np.testing.assert_allclose(found.views, delivered, rtol=1e-6)
     np.testing.assert_allclose(found.scene_views, 0.5, rtol=1e-6)
     assert found.views.dtype == np.float32

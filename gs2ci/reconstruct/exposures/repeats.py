@@ -21,7 +21,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.weighing import decode_weighing
 from gs2ci.reconstruct.exposures.observing import ObservedExposure, held
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
@@ -42,9 +42,6 @@ _APART_PX: Final = 0.25
 _ALIKE: Final = 0.01
 # Light of repeats does not differ by more.
 _MOST_BRIGHT: Final = 10.0
-# The noise of the readings is sought from the residual of single decodes downwards, in steps of this factor of power.
-_STEP: Final = 4.0
-_STEPS: Final = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,32 +181,17 @@ def _largest_px(displacement: F64) -> float:
 
 
 def decode(looks: Sequence[FirstLook], settings: Settings) -> CommonDecode:
-    """Decode repeats together by GAP-TV; the noise of their readings is that which leaves least at the held-out pixels.
+    """Decode repeats together by GAP-TV; the noise of their readings is sought from the residual of single decodes on.
 
     Args:
         looks: Of each, in one brightness, with held-out pixels.
         settings: Of the decoders.
     """
     holdouts = [look.holdout for look in looks]
-    seen, shape = [one.seen for one in holdouts], holdouts[0].shot.measurement.shape
+    shape = holdouts[0].shot.measurement.shape
     power = float(np.mean([(look.holdout.residual_rms(look.decoded) or 0.0) ** 2 for look in looks]))
-    best: CommonDecode | None = None
-    for _ in range(_STEPS):
-        noise = np.full(shape, power, np.float32)
-        tried = _judged(gap_tv(seen, settings.decode, noise=noise), noise, holdouts)
-        if best is not None and _rms(tried) >= _rms(best):
-            break
-        best, power = tried, power / _STEP
-    assert best is not None
-    return best
-
-
-def _judged(views: F32, noise: F32, holdouts: Sequence[Holdout]) -> CommonDecode:
+    views, noise = decode_weighing(holdouts, settings.decode, np.full(shape, power, np.float32))
     return CommonDecode(views, noise, tuple(one.residual_rms(views) or math.inf for one in holdouts))
-
-
-def _rms(decoded: CommonDecode) -> float:
-    return math.sqrt(float(np.mean(np.square(decoded.heldout_rms))))
 
 
 def _kept(group: Sequence[ObservedExposure], settings: Settings) -> tuple[list[ObservedExposure], CommonDecode | None]:

@@ -310,7 +310,9 @@ class CoarseRun:
             return
         began_s = time.monotonic()
         heldout = self._looks.take(self._fit.seen(), iteration, loss, len(self._fit.scene))
-        if self._watch.note(heldout, iteration):
+        # What explodes just before the population changes, or surfaces are found, is seen by the earlier looks alone.
+        least = min(point.loss for point in self._looks.curve if point.loss is not None)
+        if self._watch.note(heldout, iteration, sound=not self._has_exploded(loss, least)):
             self._best = self._fit.snapshot(iteration)
         self._pace.looked(time.monotonic() - began_s)
 
@@ -328,11 +330,14 @@ class CoarseRun:
             return finding(Code.ROLLED_BACK_NOT_FINITE, iteration=iteration, best=best)
         if self._first_loss is None:
             self._first_loss = loss
-        if loss > EXPLODED * self._least_loss and loss > EXPLODED_SHARE_OF_FIRST * self._first_loss:
-            least = self._least_loss
+        least = self._least_loss
+        if self._has_exploded(loss, least):
             return finding(Code.ROLLED_BACK_EXPLODED, iteration=iteration, best=best, least_loss=least, loss=loss)
         self._least_loss = min(self._least_loss, loss)
         return None
+
+    def _has_exploded(self, loss: float, least: float) -> bool:
+        return loss > EXPLODED * least and loss > EXPLODED_SHARE_OF_FIRST * (self._first_loss or 0.0)
 
     def _roll_back(self, iteration: int, ran_away: Finding) -> bool:
         if iteration == 0:

@@ -69,17 +69,21 @@ class Watch:
         """Go on from the state of another with the same settings."""
         vars(self).update(state)
 
-    def note(self, residual_rms: float | None, iteration: int) -> bool:
-        """Record a look's residual; return True if it is the best so far (always, if no pixel is held out)."""
+    def note(self, residual_rms: float | None, iteration: int, *, sound: bool = True) -> bool:
+        """Record a look's residual; return True if it is the best so far (always, if no pixel is held out).
+
+        A state that is not sound is never the best.
+        """
         if residual_rms is None:
-            self.best_iteration = self._reference_iteration = iteration
-            return True
+            self._reference_iteration = iteration
+            self.best_iteration = iteration if sound else self.best_iteration
+            return sound
         self._last = residual_rms
         if residual_rms < self._least:
             self._least, self._least_iteration = residual_rms, iteration
         if residual_rms < self._reference * (1 - self._settings.improvement):
             self._reference, self._reference_iteration = residual_rms, iteration
-        if residual_rms < self._best:
+        if sound and residual_rms < self._best:
             self._best, self.best_iteration = residual_rms, iteration
             return True
         return False

@@ -22,6 +22,9 @@ a decode adds it from its model of pictures. The change of an estimate that has 
 that remains (the orthogonality principle), so that e·d = d·d there; the part of a change that follows noise is an
 error. Of a residual, the share c = 1 − σ²/⟨r²⟩ is not noise, and the same share of the change is a gain.
 
+A pixel that no mask opens, or whose reading is clipped, errs in the full views as one whose reading is held out: all
+terms that follow from a change count by the share of the other pixels.
+
 The reading of a pixel behind masks of which none is open says next to nothing about the views, however large r²/|M|²
 is there: what is derived from readings, the gain included, has the weight (|M|²/m²)² in each pixel, at most 1, where m
 is the transmission of an open mask. The change ⟨d·d⟩ itself is known in all pixels alike: behind masks that were
@@ -91,6 +94,7 @@ def expected_products(holdout: Holdout, candidates: Sequence[Candidate], noise: 
     seen = [_Seen.of(holdout, one, noise) for one in candidates]
     hidden = _hidden(weighted)  # [K]
     worth = [hidden if one.cancels else np.ones_like(hidden) for one in candidates]
+    known = float(holdout.shot.usable.mean())
     # With a colour filter array each pixel reads one of three channels, and only that one changes by its own reading.
     read = seen[0].residual.shape[1] / seen[0].change.shape[2]
 
@@ -102,8 +106,8 @@ def expected_products(holdout: Holdout, candidates: Sequence[Candidate], noise: 
         by_view = np.mean(one.change * other.change, axis=2)  # [N, K]
         both = by_view.sum(axis=0)
         across = by_view[measured].sum(axis=0) - read * np.mean(one.coded * other.coded, axis=1) / light
-        by_readings = np.average((blind - read * gained) / light, weights=pixel_weights)
-        return float(by_readings + np.mean(both - (one.learned + other.learned) * pixel_weights * across))
+        by_readings = np.average((blind - known * read * gained) / light, weights=pixel_weights)
+        return float(by_readings + known * np.mean(both - (one.learned + other.learned) * pixel_weights * across))
 
     count = range(len(candidates))
     return np.array([[product(j, k) for k in count] for j in count])
@@ -141,9 +145,8 @@ class _Seen:
 def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | None:
     """Return the expected error of views, root mean square over all pixels, views and channels.
 
-    It is the expected product above plus the term N σ²/|M|² left out there. A pixel that no mask opens has no reading,
-    and is taken to err like one whose reading was held out. Fits follow noise, so too little noise is subtracted: the
-    result is about right if there is little noise, and too large if there is more.
+    It is the expected product above plus the term N σ²/|M|² left out there. Fits follow noise, so too little noise is
+    subtracted: the result is about right if there is little noise, and too large if there is more.
 
     Args:
         holdout: The measurement, and its held-out pixels.
@@ -159,8 +162,7 @@ def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | No
     spread = np.average(1 / (weighted**2).sum(axis=0), weights=_pixel_weights(weighted))
     least = min(noise, _power(holdout.residual_at_pixels(views.blind))) * len(weighted) * float(spread)
     seen, unseen = (max(0.0, float(expected_products(holdout, [one], noise)[0, 0]) - least) for one in (views, blind))
-    lit = float(holdout.shot.lit.mean())
-    return float(np.sqrt((lit * min(seen, unseen) + (1 - lit) * unseen) / len(weighted)))
+    return float(np.sqrt(min(seen, unseen) / len(weighted)))
 
 
 def _hidden(weighted: F64) -> F64:

@@ -75,6 +75,23 @@ def test_a_state_that_is_not_finite_at_a_look_is_not_looked_at(moving_plane, mon
     fit.scene.check()
 
 
+def test_what_explodes_before_surfaces_are_found_is_none_to_go_back_to(moving_plane, monkeypatch):
+    """With surfaces a fit begins again, with any loss and residual: earlier looks know that the scene is gone."""
+    whole, calls = GaussianOptimiser.step, itertools.count(1)
+
+    def step(optimiser, *arguments):
+        whole(optimiser, *arguments)
+        if next(calls) > 32:
+            with torch.no_grad():
+                optimiser.scene.means.mul_(1e3)
+
+    monkeypatch.setattr(GaussianOptimiser, "step", step)
+    surfaces = SurfaceSettings(searches=(Search(0.56, 1e-3, 1e-3),))
+    fit, holdout = run(moving_plane, replace(QUICK, surfaces=surfaces))
+    assert fit.stopped.figures["best"] == 30
+    assert holdout.residual_rms(fit.views) == pytest.approx(fit.curve[2].heldout, rel=1e-6)
+
+
 def test_a_paused_fit_that_is_not_finite_shows_its_best_state(moving_plane):
     fit, _ = paused(moving_plane)
     fit.advance(0.5)

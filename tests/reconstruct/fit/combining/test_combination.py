@@ -99,6 +99,16 @@ def test_the_products_are_those_of_the_views_that_are_handed_over(truth, noise):
     np.testing.assert_allclose(found - found[0, 0], true - true[0, 0], atol=0.15 * true.max())
 
 
+def test_what_no_reading_tells_counts_as_it_was_before(truth):
+    """Two that follow the only view's every reading differ where no mask is open: as much as at held-out pixels."""
+    masks = (np.random.default_rng(0).random((1, *SIZE)) < 0.4).astype(np.float32)
+    shot = Shot(masks[0][..., None] * truth[0], masks, truth=Truth(truth[:1])).check()
+    holdout = Holdout.of(shot, 0.3, 0)
+    near, far = (noisy(truth[:1], seed, deviation) for seed, deviation in ((20, 0.1), (21, 0.2)))
+    found = shares(holdout, {"far": follower(holdout, far), "near": follower(holdout, near)}, 0.0)
+    assert found["near"] == pytest.approx(0.8, abs=0.05)
+
+
 def test_the_change_of_a_view_that_no_reading_measures_is_no_gain(truth):
     """Of a view whose mask has next to no weight: it changes wildly, and nothing shows whether it is right."""
     holdout = holdout_of(truth)
