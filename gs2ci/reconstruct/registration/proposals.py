@@ -79,8 +79,8 @@ def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitE
     # Soft masks have no edges, and what their noise takes from the pattern looks like a leak or a black level as well.
     is_crisp = tells_light and softness(one_of(shot.masks)) <= CRISP
     if edges and is_crisp:
-        # Last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and leak are
-        # estimated again along with the width, the black level only if there was one before: it looks like a leak.
+        # Last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and leak
+        # are estimated again along with the width, the black level only if there was one before: it looks like a leak.
         (width,) = EDGES
         wider, all_edges = _with(problem, found, {width, "blur_px2", "leak"}, width)
         more = [] if wider is None else [wider]
