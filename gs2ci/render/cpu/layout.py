@@ -109,16 +109,20 @@ def lay_out(masks: F32, strip_rows: int | None = None, sampling: CanvasSampling 
         values = masks[view].reshape(-1)
         opened = order[values[order] > 0]
         counts = np.bincount(slot[opened], minlength=shape[1] * width).reshape(shape[1:])
-        cells = 0
-        for band, listed in enumerate(np.split(opened, np.cumsum(counts.sum(axis=1))[:-1])):
-            left_of = np.concatenate([[0], np.cumsum(counts[band])])
-            first[view, band] = cells + left_of[:-1] // LANES
-            last[view, band] = cells - 1 + -(-left_of[1:] // LANES)
-            lanes, lane_weights = _whole_cells(listed, values)
-            pixels.append(lanes)
-            weights.append(lane_weights)
-            cells += len(lanes) // LANES
-        cell_start[view + 1] = cell_start[view] + cells
+        listed = counts.sum(axis=1)
+        whole = -(-listed // LANES)
+        begins, after = np.cumsum(whole) - whole, np.cumsum(listed)
+        until = np.cumsum(counts, axis=1)
+        first[view] = begins[:, None] + (until - counts) // LANES
+        last[view] = begins[:, None] - 1 + -(-until // LANES)
+        # A strip is filled up to whole cells by its last pixel, without weight.
+        lanes = np.repeat(opened[after[listed > 0] - 1], whole[listed > 0] * LANES)
+        lane_weights = np.zeros(len(lanes), np.float32)
+        place = np.arange(len(opened)) + np.repeat(begins * LANES - (after - listed), listed)
+        lanes[place], lane_weights[place] = opened, values[opened]
+        pixels.append(lanes)
+        weights.append(lane_weights)
+        cell_start[view + 1] = cell_start[view] + whole.sum()
     pixel = np.concatenate(pixels) if pixels else np.zeros(0, np.int64)
     return Layout(
         views=views,
@@ -143,13 +147,3 @@ def _places(size: tuple[int, ...], sampling: CanvasSampling | None) -> tuple[F64
         return sampling.places[..., 0].reshape(-1), sampling.places[..., 1].reshape(-1)
     pixel = np.arange(size[0] * size[1], dtype=np.float64)
     return pixel % size[1] + 0.5, pixel // size[1] + 0.5
-
-
-def _whole_cells(listed: NDArray[np.int64], values: F32) -> tuple[NDArray[np.int64], F32]:
-    """Fill a strip's pixels up to whole cells; also their mask values, 0 for what was filled up."""
-    weights = values[listed]
-    spare = -len(listed) % LANES
-    if spare:
-        listed = np.concatenate([listed, np.full(spare, listed[-1])])
-        weights = np.concatenate([weights, np.zeros(spare, np.float32)])
-    return listed, weights
