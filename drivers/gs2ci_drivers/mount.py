@@ -21,3 +21,7 @@ class MountOptions(ConfigTable):
     error_mm: Annotated[float, Field(gt=0)] | None = None
     """Standard error of the positions that the stage reports, mm. It limits how far a reconstruction moves the poses;
     without it, a reconstruction assumes 1 % of the path."""
+    turn_error_deg: Annotated[float, Field(gt=0, le=90)] | None = None
+    """By how many degrees the stage may turn the camera from the first to the last position of a path (standard error):
+    its pitch, yaw and roll. A turn moves a picture as another depth does, so that depths and lengths err with it;
+    without it, a reconstruction assumes 0.1 px."""

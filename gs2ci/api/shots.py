@@ -76,6 +76,7 @@ def import_file(
     stage: str | Path | None = None,
     stage_axes: tuple[str, ...] = ("right", "down", "ahead"),
     stage_error: float | None = None,
+    stage_turn_error_deg: float | None = None,
     intrinsics: ArrayOrFile = None,
     focal_px: float | None = None,
     distortion: Sequence[float] = (),
@@ -110,6 +111,8 @@ def import_file(
             back.
         stage_error: Standard error of these positions, in mm, or in their own unit if no column names it; by default
             1 % of the path.
+        stage_turn_error_deg: By how many degrees the stage may turn the camera from the first to the last position
+            (standard error); by default 0.1 px. Depths and lengths err with it.
         intrinsics: Camera matrix: a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5); in Python an
             array as well.
         focal_px: Focal length in pixels, with the principal point at the centre.
@@ -146,8 +149,12 @@ def import_file(
         (1, True)
     """
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion, stage_error)
-    if stage is None and (stage_error is not None or tuple(stage_axes) != ("right", "down", "ahead")):
-        raise InputError("--stage-axes or --stage-error without --stage", remedy="give the stage's log by --stage")
+    check_number("--stage-turn-error-deg", stage_turn_error_deg, most=90, above=0)
+    about = stage_error, stage_turn_error_deg, None if tuple(stage_axes) == ("right", "down", "ahead") else stage_axes
+    if stage is None and any(one is not None for one in about):
+        raise InputError(
+            "options of a stage's log without --stage", remedy="give the log by --stage, or leave them out"
+        )
     from gs2ci.core.foreign import curves, pixels
     from gs2ci.core.foreign.assemble import import_shots
     from gs2ci.core.foreign.container import Array
@@ -182,6 +189,7 @@ def import_file(
         stage=None if stage is None else _place(stage),
         stage_axes=tuple(stage_axes),
         stage_error=stage_error,
+        stage_turn_error_deg=stage_turn_error_deg,
     )
     return import_shots(_place(path), None if masks is None else _place(masks), options)
 

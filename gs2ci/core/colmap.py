@@ -1,7 +1,8 @@
 """pycolmap, imported so that signals go on meaning what they meant before: `from gs2ci.core.colmap import pycolmap`.
 
 There is none for Linux on ARM (no wheel, and no source that pip could build). There something takes its place of which
-every use is a `GeometryError`, so that another way is gone or the reason said. Not here: any use of it.
+every use is a `GeometryError`, so that another way is gone or the reason said. Here also: a camera as it takes one. Not
+here: any other use of it.
 """
 
 import ctypes
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
 
 # More than any system's `struct sigaction` takes (152 bytes on 64-bit Linux).
@@ -73,4 +75,10 @@ def quietly() -> Iterator[None]:
         logging.minloglevel, logging.logtostderr = level, aloud
 
 
-__all__ = ["pycolmap", "quietly"]
+def colmap_camera(intrinsics: F64, size: tuple[int, int]) -> Any:
+    """Return a camera matrix, [3, 3], of a picture of a height and width as pycolmap's camera."""
+    parameters = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
+    return pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
+
+
+__all__ = ["colmap_camera", "pycolmap", "quietly"]

@@ -5,7 +5,7 @@ secret, as a notebook server's does. A browser that opens it is given a cookie a
 to the address without it, so that the secret stays out of the history and of screenshots; programs send it as the
 header `X-Gs2ci-Secret`. Secrets are compared in a time that does not depend on where they differ.
 
-Here: `Door`. Not here: what is served (`gs2ci.rig.live`, `gs2ci.evaluate.gate`).
+Here: `Door`, and which port is listened on. Not here: what is served (`gs2ci.rig.live`, `gs2ci.evaluate.gate`).
 """
 
 import hmac
@@ -13,14 +13,22 @@ import secrets
 from collections.abc import Callable
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
-from typing import Final
+from typing import Final, TypeVar
 from urllib.parse import parse_qs
+
+from gs2ci.core.errors import InputError
 
 LOCAL: Final = ("127.0.0.1", "localhost", "[::1]")
 HEADER: Final = "X-Gs2ci-Secret"
 PARAMETER: Final = "secret"
 SECRET_BYTES: Final = 24
+MOST_CONNECTIONS: Final = 256
 _MOST_COOKIE_CHARACTERS: Final = 4096
+# If a port is in use, often by an earlier page, this many of the following ones are tried.
+PORTS_TRIED: Final = 20
+_HIGHEST_PORT: Final = 65_535
+
+_Listener = TypeVar("_Listener")
 
 Header = Callable[[str], str]
 """Returns a header of a request by its name, "" if it has none."""
@@ -83,3 +91,28 @@ class Door:
 
     def _name(self, port: int) -> str:
         return f"{self._command.replace(' ', '-')}-{port}"
+
+
+def listening(host: str, port: int, listen: Callable[[tuple[str, int]], _Listener]) -> _Listener:
+    """Listen on a port: this one or one of the next; any if it is 0.
+
+    Args:
+        host: The address to listen on.
+        port: The first port to try.
+        listen: Listens on an address and a port, or raises an OSError.
+
+    Raises:
+        InputError: There is none, or the host is no address of this machine.
+    """
+    if not 0 <= port <= _HIGHEST_PORT:
+        raise InputError(f"port {port}", allowed=f"0 to {_HIGHEST_PORT}")
+    tried = range(port, min(port + PORTS_TRIED, _HIGHEST_PORT + 1)) if port else range(1)
+    for candidate in tried:
+        try:
+            return listen((host, candidate))
+        except OSError as error:
+            reason = error
+    raise InputError(
+        f"nothing can be served at {host}, port {tried[0]} to {tried[-1]}: {reason}",
+        remedy="choose another --port, or a --host of this machine such as 127.0.0.1",
+    )

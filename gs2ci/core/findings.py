@@ -205,6 +205,7 @@ class Code(StrEnum):
     POSES_NOT_BORNE_OUT = auto()
     POSES_NOT_TAKEN = auto()
     POSES_UNCHECKED = auto()
+    POSES_CONTRADICTED = auto()
     POSES_MOVED = auto()
     DEPTH_RANGE_FOUND = auto()
     WIDE_MOTION = auto()

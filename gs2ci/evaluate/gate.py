@@ -15,12 +15,11 @@ from http import HTTPStatus
 from typing import Final
 from urllib.parse import quote
 
-from gs2ci.core.door import LOCAL, PARAMETER, Door
+from gs2ci.core.door import LOCAL, MOST_CONNECTIONS, PARAMETER, Door
 
 REQUEST_S: Final = 10.0
 """Time for the head of a request to arrive."""
 LARGEST_HEAD: Final = 16_384
-MOST_CONNECTIONS: Final = 256
 _CHUNK: Final = 65_536
 _END: Final = b"\r\n\r\n"
 

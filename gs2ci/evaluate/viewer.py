@@ -6,6 +6,7 @@ package, is imported only when something is served.
 
 import socket
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +15,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, U8
-from gs2ci.core.door import LOCAL
+from gs2ci.core.door import LOCAL, MOST_CONNECTIONS, listening
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.gate import MOST_CONNECTIONS, Gate
+from gs2ci.evaluate.gate import Gate
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.render.gaussians import rotation_matrices
@@ -31,9 +32,6 @@ PICTURE_SIDE_PX: Final = 320
 # A camera's symbol, as a share of the mean distance between neighbours, and of the depth where there is one camera.
 SYMBOL_OF_STEP, SYMBOL_OF_DEPTH = 0.6, 0.05
 SYMBOL_LINE_PX, SYMBOL_COLOUR = 1.5, (240, 130, 90)
-# If a port is in use, often by an earlier viewer, this many of the following ones are tried.
-PORTS_TRIED: Final = 20
-HIGHEST_PORT: Final = 65_535
 # Where the slider shows everything, however unsure.
 _ALL_PERCENT: Final = 100
 
@@ -174,18 +172,7 @@ def listen(host: str, port: int) -> socket.socket:
     Raises:
         InputError: There is none, or the host is no address of this machine.
     """
-    if not 0 <= port <= HIGHEST_PORT:
-        raise InputError(f"port {port}", allowed=f"0 to {HIGHEST_PORT}")
-    tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
-    for candidate in tried:
-        try:
-            return socket.create_server((host, candidate), backlog=MOST_CONNECTIONS)
-        except OSError as error:
-            reason = error
-    raise InputError(
-        f"nothing can be served at {host}, port {tried[0]} to {tried[-1]}: {reason}",
-        remedy="choose another --port, or a --host of this machine such as 127.0.0.1",
-    )
+    return listening(host, port, partial(socket.create_server, backlog=MOST_CONNECTIONS))
 
 
 def _show(server: Any, scene: ViewerScene) -> None:

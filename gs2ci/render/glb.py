@@ -18,6 +18,7 @@ import torch
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.curves import light_of_srgb
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.gaussians import HARMONICS, Gaussians
 from gs2ci.render.half_turn import half_turned
@@ -76,11 +77,9 @@ def write_glb(
 
 
 def _linear(colours: F64, *, of_light: bool) -> F64:
-    """Return the light of colours, within 0 ... 1; those of a screen are decoded (sRGB, IEC 61966-2-1)."""
+    """Return the light of colours, within 0 ... 1; those of a screen are decoded."""
     value = np.clip(colours, 0, 1)
-    if of_light:
-        return value
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return value if of_light else light_of_srgb(value)
 
 
 def _laid_out(columns: dict[str, F64], told: dict[str, str], metres_per_unit: float | None) -> bytes:

@@ -88,6 +88,8 @@ def carriage_of(
     provenance: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
         provenance["position_error"] = unit * mount.error_mm
+    if mount is not None and mount.turn_error_deg is not None:
+        provenance["turn_error_deg"] = mount.turn_error_deg
     ahead_mm = 0.0
     if swept is not None and calibrated is not None:
         ahead_mm, error_mm = _ahead_of_count(swept, calibrated, travel, speed_mm_s)

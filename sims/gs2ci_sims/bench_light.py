@@ -182,7 +182,7 @@ class BenchLight:
         Camera and objects are where the exposure's effects moved them; views are sharp, with the lens's distortion.
         """
         studio, path, centres_s = self._studio(exposure)
-        views = np.stack([studio.view(float(time_s))[0] for time_s in centres_s]).astype(np.float32)
+        views = np.stack([studio.sharp_view(float(time_s)) for time_s in centres_s]).astype(np.float32)
         return (views if self._cfa else views.mean(axis=3, keepdims=True)), path.world_to_camera(centres_s)
 
     def true_depth(self, exposure: Exposure) -> F32:
@@ -286,8 +286,7 @@ class BenchLight:
             self.plans[exposure.index], chosen = decided, decided.effects
         chain = EffectChain(chosen, seed, rig)
         sight = self._sight
-        light = integrate(sight.scene, path, masks, chain, slices=slices, renderer=sight.renderer)
-        return light.photons, chosen
+        return integrate(sight.scene, path, masks, chain, slices=slices, renderer=sight.renderer), chosen
 
     def _plan(
         self, path: _FollowedPath, masks: F32, rig: RigFigures, effects: tuple[Effect, ...], slices: Slices, seed: int

@@ -71,7 +71,6 @@ class ExactRenderer(Renderer):
     """
 
     grain: ClassVar[float] = 9e-5
-    skips: ClassVar[bool] = False
     sample_filter_px2: ClassVar[float] = 0.0
 
     supersampling: PositiveInt = 4

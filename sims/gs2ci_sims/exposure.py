@@ -1,17 +1,14 @@
 """One coded exposure: light is integrated over time behind changing masks, counted, and read out.
 
-Here: the integral over time, the read-out, and `expose`, which does both. Not here: effects and their order
+Here: the integral over time, and the read-out. Not here: effects and their order
 (`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`).
 
 The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through the mask
 that is shown at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,134 +16,15 @@ from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, LightStage, ViewEffect, having
-from gs2ci_sims.effects.bayer_filter import BayerFilter
-from gs2ci_sims.effects.charges import FullWell
-from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.noises import ChargeNoise
-from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity, Quantisation
 from gs2ci_sims.effects.views import LensDistortion
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
-from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
-
-# From this share of closed pixels on, rendering only the open ones is faster than rendering all.
-CLOSED_SHARE_MIN: Final = 0.5
-
-
-def expose(
-    scene: Scene,
-    path: CameraPath,
-    masks: F32,
-    rig: RigFigures,
-    *,
-    effects: Sequence[Effect],
-    seed: int,
-    plan: Mapping[str, Any] | None = None,
-    renderer: Renderer | None = None,
-    progress: Progress | None = None,
-) -> Shot:
-    """Expose the sensor once to the scene behind the masks.
-
-    Args:
-        scene: The scene; its camera is the sensor's.
-        path: The camera path; time 0 is the middle of the exposure.
-        masks: Transmissions at the sensor's pixels, [N, H, W] in [0, 1], in the order shown.
-        rig: The figures of light, modulator, timing and sensor.
-        effects: The effects that are simulated; `planner.plan` chooses them.
-        seed: Seed of all draws.
-        plan: The plan by which `effects` were chosen (`planner.Plan.record`), to be stored with the shot.
-        renderer: Renders the views.
-        progress: Is called for each view.
-
-    Returns:
-        The shot, in units of one view's full scale, with true views and poses at the centre of each mask's interval,
-        with camera and lens as from a perfect calibration, and with the pixels marked that may be clipped. Full scale
-        includes the light that a ghost adds to an all-open mask on a flat field.
-
-    Raises:
-        InputError: Masks do not fit the scene or the rig.
-        NumericsError: An effect gave readings that are not finite.
-    """
-    _check(scene, masks, rig)
-    chain = EffectChain(effects, seed, rig)
-    light = integrate(scene, path, masks, chain, renderer=renderer, progress=progress)
-    reading = read_out(light.photons, chain)
-    sensor = rig.sensor
-    field = open_field(chain, scene.size)
-    brightest = max(float(field.max()), 1.0)
-    # Without light there is no scale; readings then stay in electrons.
-    full_scale_e = rig.full_scale_e * brightest or 1.0
-    return Shot(
-        measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        # The measurement is not divided by the open field, so what that lacks (dust) belongs to the masks.
-        masks=(calibrated_masks(light.masks, chain) * (field / brightest)).astype(np.float32),
-        weights=light.weights.astype(np.float32),
-        intrinsics=scene.intrinsics,
-        distortion=None if (lens := lens_of(chain.effects)) is None else lens.coefficients,
-        truth=Truth(light.truth_views, light.truth_world_to_camera, light.truth_depth),
-        saturated=np.any(reading >= saturation_dn(chain), axis=2),
-        cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
-        name=scene.name,
-        provenance={
-            "source": "simulated exposure (gs2ci_sims)",
-            "seed": seed,
-            "effects": [f"{effect}" for effect in chain.effects],
-            "rig": f"{rig}",
-            "path": f"{path}",
-            "rendered_views": light.rendered_views,
-            "covered_share": light.covered_share,
-            "within_mask": "moving" if _follows_motion(chain) else "still",
-            **({"plan": dict(plan)} if plan is not None else {}),
-        },
-    ).check()
-
-
-def _follows_motion(chain: EffectChain) -> bool:
-    """Tell whether light is integrated over the camera's motion within masks, instead of one moment of each."""
-    return any(isinstance(effect, MotionBlur) and (effect.nodes > 1 or effect.edges_s) for effect in chain.effects)
-
-
-@dataclass(frozen=True)
-class ExposureLight:
-    """The light that reached the sensor.
-
-    Args:
-        photons: Mean number in each pixel, [H, W, 3].
-        masks: The masks as imaged onto the sensor, [N, H, W].
-        weights: Share of its nominal interval during which each mask was exposed, [N]; that of row 0 if rows differ.
-        truth_views: The scene at the middle of each mask's nominal interval, through a sharp lens with this one's
-            distortion, [N, H, W, 3] float32, radiance.
-        truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
-        covered_share: Smallest share of pixels that see the scene, over these moments.
-        rendered_views: How many views were rendered.
-        find_depth: Computes `truth_depth`.
-    """
-
-    photons: F64
-    masks: NDArray[Any]
-    weights: F64
-    truth_views: F32
-    truth_world_to_camera: F64
-    covered_share: float
-    rendered_views: int
-    find_depth: Callable[[], F32] = field(repr=False, compare=False)
-
-    @cached_property
-    def truth_depth(self) -> F32:
-        """Get the depth along the optical axis at these moments, through this lens, [N, H, W] float32.
-
-        It is 0 where less than half of the light is absorbed. It is computed only on request: a bench integrates
-        hundreds of exposures whose depth is never used, and computing it took most of their time.
-        """
-        return self.find_depth()
 
 
 def integrate(
@@ -158,8 +36,7 @@ def integrate(
     slices: Slices | None = None,
     moments: Moments | None = None,
     renderer: Renderer | None = None,
-    progress: Progress | None = None,
-) -> ExposureLight:
+) -> F64:
     """Integrate light over time, behind each mask while it is shown.
 
     Args:
@@ -170,60 +47,32 @@ def integrate(
         slices: When which mask is shown, before effects; None takes the rig's timing.
         moments: When views are rendered; None takes the moments of the chain's motion blur.
         renderer: Renders the views.
-        progress: Is called for each view.
+
+    Returns:
+        The mean number of photons that reach each pixel, [H, W, 3].
 
     Raises:
         InputError: The sensor's window misses all masks.
     """
     intervals = chain.rig.timing.intervals_s(len(masks))
-    path = chain.through(LightStage.MOTION, path)
     slices = chain.through(LightStage.TIME, slices or nominal_slices(intervals)).cut_by_rows(scene.size[0])
-    weights = _first_row_s(slices) @ slices.mix / chain.rig.timing.interval_s
-    if not weights.any():
+    if not (first_row_s(slices) @ slices.mix).any():
         raise InputError(
             "the sensor's window misses all masks", remedy="reduce the trigger's latency and jitter, or expose longer"
         )
     moments = moments or chain.through(LightStage.MOMENTS, one_per_interval(intervals))
     shown = chain.through(LightStage.MASKS, masks)
-    studio = Studio(scene, path, chain, renderer or Renderer())
-    progress = progress or Silent()
-    stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
-    truth_share = moments.interpolation(intervals.mean(axis=1))
-    truth_share[np.abs(truth_share) < 1e-12] = 0.0  # a moment that is a node needs no other: the rest is rounding
-    needed = np.flatnonzero(np.any(stands_for != 0, axis=1) | np.any(truth_share != 0, axis=0))
-    progress.stage("exposure", len(needed))
+    studio = Studio(scene, chain.through(LightStage.MOTION, path), chain, renderer or Renderer())
     photons = np.zeros((*scene.size, 3))
-    truth_views = np.zeros((len(masks), *scene.size, 3))
-    coverage = np.zeros((len(masks), *scene.size))
-    for done, k in enumerate(needed):
-        share = _open_share(stands_for[k], slices, shown)
-        if not truth_share[:, k].any() and studio.can_skip(share):
-            photons += studio.behind(share, float(moments.times_s[k]))
-            progress.step(done + 1)
-            continue
-        bare, covered, view = studio.view(float(moments.times_s[k]))
-        photons += share[..., None] * view
-        for n in np.flatnonzero(truth_share[:, k]):
-            truth_views[n] += truth_share[n, k] * bare
-            coverage[n] += truth_share[n, k] * covered
-        progress.step(done + 1)
-    centres_s = intervals.mean(axis=1)
+    stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
+    for k in np.flatnonzero(stands_for.any(axis=1)):
+        photons += _open_share(stands_for[k], slices, shown)[..., None] * studio.view(float(moments.times_s[k]))
     # Rounding may give negative light: where the weights of moments cancel, and beside it by convolutions with large
     # kernels, which go through a Fourier transform.
-    photons = np.maximum(chain.through(LightStage.PHOTONS, np.maximum(photons, 0)), 0)
-    return ExposureLight(
-        photons,
-        shown,
-        weights,
-        np.maximum(truth_views, 0).astype(np.float32),
-        path.world_to_camera(centres_s),
-        float((coverage >= 0.99).mean(axis=(1, 2)).min()),
-        len(needed),
-        lambda: studio.depths(centres_s),
-    )
+    return np.maximum(chain.through(LightStage.PHOTONS, np.maximum(photons, 0)), 0)
 
 
-def _first_row_s(slices: Slices) -> F64:
+def first_row_s(slices: Slices) -> F64:
     """Return for how much of each slice the first row of the sensor collects light, [S] seconds."""
     if slices.shutter is None:
         return slices.duration_s
@@ -260,26 +109,32 @@ class Studio:
         self._lens = lens_of(looking)
         self._needs_depth = any(effect.needs_depth for effect in looking)
 
-    def view(self, time_s: float) -> tuple[F64, F64, F64]:
-        """Return the scene's radiance [H, W, 3], its coverage [H, W], and the radiance that meets the modulator.
-
-        The first two are without blur and fall-off, at the places where the lens images them.
-        """
+    def view(self, time_s: float) -> F64:
+        """Return the radiance that meets the modulator, [H, W, 3]."""
         scene, margin = self._scene, self._margin
-        pose = self._path.world_to_camera(np.array([time_s]))
-        gaussians = self._moving(time_s)
-        radiance, coverage = self._renderer.views(scene, pose, gaussians=gaussians, margin=margin)
-        bare = radiance[0].astype(np.float64)
-        intrinsics = with_margin(scene.intrinsics, margin)
         depth = None
         if self._needs_depth:
-            depth = self._renderer.depth(scene, pose[0], gaussians=gaussians, margin=margin)
-        seen = self._chain.through(LightStage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
-        truth = np.concatenate([bare, coverage[0][..., None]], axis=2)
-        truth = truth if self._lens is None else self._lens.bent(truth, intrinsics)
-        height, width = scene.size
-        inner = np.s_[margin : margin + height, margin : margin + width]
-        return truth[inner][..., :-1], truth[inner][..., -1], seen[inner]
+            pose, gaussians = self._path.world_to_camera(np.array([time_s]))[0], self._moving(time_s)
+            depth = self._renderer.depth(scene, pose, gaussians=gaussians, margin=margin)
+        bare = View(self._drawn(time_s), with_margin(scene.intrinsics, margin), margin, depth)
+        return self._inner(self._chain.through(LightStage.RADIANCE, bare).radiance)
+
+    def sharp_view(self, time_s: float) -> F64:
+        """Return the scene's radiance without blur and fall-off, [H, W, 3], at the places where the lens images it."""
+        bare = self._drawn(time_s)
+        bent = bare if self._lens is None else self._lens.bent(bare, with_margin(self._scene.intrinsics, self._margin))
+        return self._inner(bent)
+
+    def _drawn(self, time_s: float) -> F64:
+        """Return the scene's radiance with a margin, [H + 2 margin, W + 2 margin, 3]."""
+        pose = self._path.world_to_camera(np.array([time_s]))
+        views, _ = self._renderer.views(self._scene, pose, gaussians=self._moving(time_s), margin=self._margin)
+        return views[0].astype(np.float64)
+
+    def _inner(self, image: F64) -> F64:
+        """Return an image without its margin."""
+        height, width = self._scene.size
+        return image[self._margin : self._margin + height, self._margin : self._margin + width]
 
     def depths(self, times_s: F64) -> F32:
         """Return the depth seen through the lens at some times, [T, H, W]; 0 at pixels without a surface.
@@ -312,18 +167,7 @@ class Studio:
         if self._lens is not None:
             places = self._lens.sources_px(depth.shape, with_margin(scene.intrinsics, margin)) - 0.5
             depth = map_coordinates(depth, places, order=0, mode="nearest")
-        return np.asarray(depth[margin : margin + scene.size[0], margin : margin + scene.size[1]])
-
-    def can_skip(self, open_share: F64) -> bool:
-        """Return whether skipping the closed pixels [H, W] gives the same light and saves work."""
-        plain = not self._chain.at(LightStage.RADIANCE) and self._renderer.skips
-        plain = plain and self._scene.mesh is None
-        return plain and open_share.min() >= 0 and float((open_share == 0).mean()) >= CLOSED_SHARE_MIN
-
-    def behind(self, open_share: F64, time_s: float) -> F64:
-        """Return the view behind a mask, [H, W, 3], with only the open pixels rendered."""
-        pose = self._path.world_to_camera(np.array([time_s]))
-        return self._renderer.masked(self._scene, pose, open_share, gaussians=self._moving(time_s))
+        return self._inner(depth)
 
 
 def lens_of(effects: Sequence[Effect]) -> LensDistortion | None:
@@ -366,35 +210,3 @@ def read_out(photons: F64, chain: EffectChain) -> F64:
             remedy="leave effects out, those of plug-ins first, to find the one that gives them",
         )
     return reading
-
-
-def saturation_dn(chain: EffectChain) -> float:
-    """Return the reading from which on a pixel may be clipped: what a full well reads at least, or the converter's top.
-
-    Full pixels scatter by rounding and by all that is added behind the well; four standard deviations of read noise,
-    row noise and offsets together include all but one in 30 000.
-    """
-    sensor = chain.rig.sensor
-    capacity_e = next(
-        (effect.capacity_e for effect in chain.effects if isinstance(effect, FullWell)), sensor.full_well_e
-    )
-    noise_e = math.hypot(*(effect.sigma_e for effect in chain.effects if isinstance(effect, ChargeNoise)))
-    steady = [effect for effect in chain.effects if isinstance(effect, GainNonlinearity | BlackLevel)]
-    behind = EffectChain(steady, chain.seed, chain.rig)
-    charge = behind.through(LightStage.CHARGE, np.full((1, 1, 1), capacity_e))
-    full_dn = float(behind.through(LightStage.READOUT, sensor.dn_from_electrons(charge))[0, 0, 0])
-    top_dn = next((effect.max_dn for effect in chain.effects if isinstance(effect, Quantisation)), 2**sensor.bits - 1)
-    return min(full_dn - 4 * noise_e * chain.rig.dn_per_e - 0.5, float(top_dn))
-
-
-def _check(scene: Scene, masks: F32, rig: RigFigures) -> None:
-    if masks.ndim != 3 or masks.shape[1:] != scene.size:
-        raise InputError(
-            f"masks of shape {list(masks.shape)} on a sensor of {list(scene.size)}",
-            allowed=f"[N, {scene.size[0]}, {scene.size[1]}]",
-        )
-    if len(masks) != rig.modulator.masks:
-        raise InputError(
-            f"{len(masks)} masks on a rig that shows {rig.modulator.masks}",
-            remedy="set [modulator] masks of the rig to the number of masks",
-        )

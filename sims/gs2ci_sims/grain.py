@@ -77,7 +77,7 @@ def _squares_dn2(look: Preview, renderer: Renderer, travel: tuple[F64, F64]) -> 
     squares = np.zeros((len(look.masks), 3))
     for middle_px in travelled_px[-1] * (np.arange(BURSTS) + 0.5) / BURSTS:
         moments_s = np.interp(middle_px + 0.5 * LENGTH_PX * steps, travelled_px, times_s)
-        views = np.stack([studio.view(float(time_s))[2] for time_s in moments_s])
+        views = np.stack([studio.view(float(time_s)) for time_s in moments_s])
         for field in np.tensordot(beyond.T, views, axes=1):
             for n, mask in enumerate(look.shown):
                 behind = chain.through(LightStage.PHOTONS, mask[..., None] * field)

@@ -44,14 +44,6 @@ class Moments:
         start, length = self.edges_s[:-1, None], np.diff(self.edges_s)[:, None]
         return np.asarray(start + length * gauss_nodes(self.nodes)).ravel()
 
-    def interpolation(self, times_s: F64) -> F64:
-        """Return how much of each moment's view makes up the view at the given times, [T, K]; rows add up to 1."""
-        panel = self._panel(times_s)
-        place = (times_s - self.edges_s[panel]) / np.diff(self.edges_s)[panel]
-        matrix = np.zeros((len(times_s), len(self.edges_s) - 1, self.nodes))
-        matrix[np.arange(len(times_s)), panel] = lagrange(gauss_nodes(self.nodes), place)
-        return matrix.reshape(len(times_s), -1)
-
     def weights_s(self, slices: Slices) -> F64:
         """Return for how much of each slice each moment stands, [K, S] seconds; columns add up to the durations."""
         first, last = self._panel(slices.start_s), self._panel(slices.stop_s)

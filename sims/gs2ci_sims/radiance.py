@@ -40,8 +40,6 @@ class Renderer(BoundedRecord):
     grain: ClassVar[float] = 8e-5
     """Rms variation of a moving image's views that is an artefact of rendering, as a share of full scale: on planes,
     4e-5 to 8e-5 about a polynomial through a pixel of motion."""
-    skips: ClassVar[bool] = True
-    """Whether pixels behind a closed mask can be skipped."""
     sample_filter_px2: ClassVar[float] = DILATION_PX2
     """Variance of the blur of each sample, in samples squared."""
 
@@ -101,38 +99,6 @@ class Renderer(BoundedRecord):
             depth = trace_mesh(scene.mesh, world_to_camera, intrinsics, size)[1]
             return np.where(np.isfinite(depth), depth, np.nan)
         return rendered_depth(scene.gaussians if gaussians is None else gaussians, world_to_camera, intrinsics, size)
-
-    def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
-        """Render one view times a mask; pixels where the mask is zero are not rendered.
-
-        Args:
-            scene: The scene and its camera.
-            world_to_camera: The pose, [1, 4, 4].
-            mask: [H, W], at least 0.
-            gaussians: Gaussians in place of the scene's own.
-
-        Returns:
-            [H, W, 3].
-        """
-        if scene.mesh is not None or not self.skips:
-            view = self.views(scene, world_to_camera, gaussians=gaussians)[0][0]
-            return np.asarray(view * mask[..., None], dtype=np.float64)
-        factor = self.supersampling
-        backend = load_backend(self.backend)
-        # The backend takes masks up to 1; larger ones are scaled down, and the result back.
-        scale = float(mask.max())
-        if scale == 0:
-            return np.zeros((*scene.size, 3))
-        fine = torch.tensor(mask / scale, dtype=torch.float32).repeat_interleave(factor, 0).repeat_interleave(factor, 1)
-        intrinsics = torch.tensor(self._enlarged(scene, 0)[0], dtype=torch.float32)
-        with torch.no_grad():
-            image = backend.coded(
-                (scene.gaussians if gaussians is None else gaussians).detach(),
-                torch.tensor(world_to_camera, dtype=torch.float32),
-                intrinsics,
-                backend.code(fine[None].contiguous()),
-            )
-        return np.maximum(binned(image[None], factor)[0].astype(np.float64) * scale, 0)
 
     def _large_views(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians | None, margin: int

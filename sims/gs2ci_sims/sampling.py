@@ -21,7 +21,7 @@ from gs2ci_sims.path import kinks_s
 from gs2ci_sims.preview import Preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.signals import Slices, nominal_slices
-from gs2ci_sims.waves import FREQUENCIES, CollectedWaves
+from gs2ci_sims.waves import CollectedWaves
 
 _Family = tuple[F64, tuple[int, ...], bool]
 
@@ -37,8 +37,6 @@ TRAVEL_STEPS: Final = 512
 # share of the budget; no option has more views per mask than the last figure.
 ALIKE_SHARE: Final = 0.1
 VIEWS_PER_MASK_MAX: Final = 405
-# Limit of the bound of the error of a shot's true views, rms, as a share of full scale.
-TRUTH_SHARE: Final = 1e-3
 # Once an option is within the budget, panels with fewer views than this are not evaluated any more.
 NODES_WORTH: Final = 3
 # A jump of velocity nearer to the end of a panel than this share of the panel is ignored.
@@ -196,34 +194,21 @@ class _Bounding:
     def __init__(self, look: Preview, slices: Slices) -> None:
         self._look = look
         self._waves = CollectedWaves(look.scene, look.path, slices, look.object_px_per_s)
-        self._kept: dict[tuple[bytes, int, bool], float] = {}
+        self._kept: dict[tuple[bytes, int], float] = {}
         self.grain_dn: Callable[[Moments], float] = lambda moments: look.graininess(len(moments.times_s))
 
     def error_dn(self, moments: Moments) -> float:
-        """Bound the error of these moments, DN rms."""
-        return self._once(moments, False) + self.grain_dn(moments)
+        """Bound the error of these moments, DN rms: what motion between the views and grain make of the readings."""
+        key = (moments.edges_s.tobytes(), moments.nodes)
+        if key not in self._kept:
+            self._kept[key] = sampling_bound(self._look, self._waves, moments).rms_dn
+        return self._kept[key] + self.grain_dn(moments)
 
     def option(self, edges_s: F64, nodes: int, across: bool, budget_dn: float) -> _Option:
-        """Bound an option; it does not fit either if the error of its true views is too large."""
+        """Bound an option."""
         moments = Moments(edges_s, nodes)
         error_dn = self.error_dn(moments)
-        fits = error_dn <= budget_dn and self._once(moments, True) <= TRUTH_SHARE
-        return _Option(moments, error_dn, fits, across)
-
-    def _once(self, moments: Moments, truth: bool) -> float:
-        key = (moments.edges_s.tobytes(), moments.nodes, truth)
-        if key not in self._kept:
-            self._kept[key] = self._truth_rms(moments) if truth else self._motion_dn(moments)
-        return self._kept[key]
-
-    def _motion_dn(self, moments: Moments) -> float:
-        """Bound what the motion between the views makes of the readings, DN rms."""
-        return sampling_bound(self._look, self._waves, moments).rms_dn
-
-    def _truth_rms(self, moments: Moments) -> float:
-        """Bound the error of the views at the middles of the masks' intervals, rms; white is 1."""
-        missed = self._waves.missed_at(moments, self._look.intervals_s.mean(axis=1)).max(axis=0)
-        return float(self._look.spectrum.missed(FREQUENCIES, missed)[0])
+        return _Option(moments, error_dn, error_dn <= budget_dn, across)
 
 
 def _as_sampling(look: Preview, option: _Option) -> Sampling:
@@ -302,7 +287,7 @@ def unevenness(slices: Slices) -> float:
 
 
 def _travel(look: Preview, slices: Slices) -> tuple[F64, F64]:
-    """Follow the image's motion over the times of the slices and of the true views."""
+    """Follow the image's motion over the times of the slices and of the masks' intervals."""
     start = min(float(slices.start_s.min(initial=np.inf)), float(look.intervals_s[0, 0]))
     stop = max(float(slices.stop_s.max(initial=-np.inf)), float(look.intervals_s[-1, 1]))
     times = np.linspace(start, stop, TRAVEL_STEPS)

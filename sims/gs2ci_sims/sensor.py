@@ -43,7 +43,3 @@ class SensorFigures(BoundedRecord):
     def dn_from_electrons(self, charge_e: F64) -> F64:
         """Convert charge to readings before quantisation: µ_y = µ_y.dark + K µ_e (Release 3.1, section 2.1)."""
         return self.black_level_dn + charge_e / self.electrons_per_dn
-
-    def electrons_from_dn(self, reading_dn: F64) -> F64:
-        """Convert readings back to electrons above black."""
-        return (reading_dn - self.black_level_dn) * self.electrons_per_dn

@@ -48,10 +48,6 @@ class Target(Renderer):
         radiance = binned(torch.from_numpy(fine), self.supersampling)
         return radiance, np.ones(radiance.shape[:3], np.float32)
 
-    def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
-        """Draw one view times a mask, [H, W, 3]."""
-        return np.asarray(self.views(scene, world_to_camera)[0][0] * mask[..., None], dtype=np.float64)
-
 
 @dataclass(frozen=True)
 class EvenLight(Target):

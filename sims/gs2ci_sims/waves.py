@@ -74,12 +74,6 @@ class CollectedWaves:
         apart = np.abs(self._exact - self._collected(moments, self._waves_at(moments))) / interval_s
         return self._by_sector(apart.max(axis=1))
 
-    def missed_at(self, moments: Moments, times_s: F64) -> F64:
-        """Find the errors of views interpolated between these moments at some times, [T, F, SECTORS]."""
-        waves = self._waves_at(moments)
-        between = moments.interpolation(times_s) @ waves.reshape(len(waves), -1)
-        return self._by_sector(np.abs(self._waves(times_s) - between.reshape(len(times_s), *waves.shape[1:])))
-
     def _by_sector(self, apart: F64) -> F64:
         """Return the largest over points and over the directions at the ends of each sector, [..., F, SECTORS]."""
         most = apart.reshape(*apart.shape[:-1], DIRECTIONS, TRACKS).max(axis=-1)

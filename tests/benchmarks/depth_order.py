@@ -35,7 +35,6 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.render.backend import load_backend
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
@@ -43,6 +42,7 @@ from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import SensorFigures
+from tests.exposing import expose
 from tests.processes import side_by_side
 from tests.tables.order import depth_rank
 

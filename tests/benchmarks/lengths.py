@@ -28,13 +28,13 @@ from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.stage import SuggestedCamera
+from tests.exposing import expose
 from tests.processes import side_by_side
 from tests.sims.scenes.solids import SOLIDS, solid
 from tests.tables.cases import staged

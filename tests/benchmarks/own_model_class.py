@@ -25,13 +25,13 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exact import ExactRenderer
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.files import load_scene
+from tests.exposing import expose
 
 SIZE = (64, 96)
 MASKS = 8

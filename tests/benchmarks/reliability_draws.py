@@ -15,7 +15,6 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.crop import middle
 from gs2ci.core.records import Shot, Truth
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
@@ -23,6 +22,7 @@ from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import LIBRARY, load_scene
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.benchmarks import photographs
+from tests.exposing import expose
 from tests.tables.cases import noisy, staged
 
 SIZE: Final = tuple(int(side) for side in os.environ.get("GS2CI_SIZE", "72x96").split("x"))

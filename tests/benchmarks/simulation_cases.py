@@ -114,7 +114,7 @@ class SimulationBench:
     def simulate(self, effects: tuple[Effect, ...], renderer: Renderer) -> F64:
         """Expose and read out with these effects; return the mean photons in each pixel, [H, W, 3]."""
         chain = EffectChain(effects, self.seed, self.rig)
-        photons = integrate(self.scene, self.path, self.masks, chain, renderer=renderer).photons
+        photons = integrate(self.scene, self.path, self.masks, chain, renderer=renderer)
         read_out(photons, chain)
         return photons
 

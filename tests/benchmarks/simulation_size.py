@@ -17,7 +17,6 @@ import numpy as np
 from gs2ci_sims.effects.masks import FiniteContrast, MaskEdges
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.views import OpticsPsf, Vignetting
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
@@ -25,6 +24,7 @@ from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.exposing import expose
 
 HEIGHT, WIDTH = (int(side) for side in os.environ.get("GS2CI_SIZE", "1080x1920").split("x"))
 MASKS = int(os.environ.get("GS2CI_MASKS", "16"))

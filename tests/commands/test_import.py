@@ -66,18 +66,21 @@ def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, array
 def test_the_log_of_a_stage_lies_beside_a_measurement(tmp_path, arrays, capsys):
     np.savez(tmp_path / "a.npz", meas=arrays["meas"], masks=arrays["masks"])
     (tmp_path / "stage.csv").write_text("time_s,x_mm\n0,10\n1,11\n2,12\n3,13\n")
-    stage = ["--stage", tmp_path / "stage.csv"]
+    stage, turn = ["--stage", tmp_path / "stage.csv"], ["--stage-turn-error-deg", 0.5]
     out = ["-o", tmp_path / "shot.h5", "--overwrite"]
-    shot = command(tmp_path / "a.npz", *stage, "--stage-axes", "up", "left", "ahead", "--stage-error", 0.01, *out)
+    shot = command(
+        tmp_path / "a.npz", *stage, "--stage-axes", "up", "left", "ahead", "--stage-error", 0.01, *turn, *out
+    )
     centres = np.linalg.inv(shot.telemetry_world_to_camera)[:, :3, 3]
     assert np.allclose(centres, np.outer([10, 11, 12, 13], [0, -1, 0]))
-    assert shot.provenance["telemetry"]["position_error"] == 0.01
+    assert shot.provenance["telemetry"] == {"position_error": 0.01, "turn_error_deg": 0.5}
     assert "up as x grows" in " ".join(capsys.readouterr().out.split())
-    for words in (["--stage-error", 0.01], ["--stage-axes", "up", "left", "ahead"]):
+    for words in (["--stage-error", 0.01], ["--stage-axes", "up", "left", "ahead"], turn):
         with pytest.raises(InputError, match="without --stage"):
             command(tmp_path / "a.npz", *words, *out)
-    with pytest.raises(InputError, match="--stage-error 0"):
-        command(tmp_path / "a.npz", *stage, "--stage-error", 0, *out)
+    for option in ("--stage-error", "--stage-turn-error-deg"):
+        with pytest.raises(InputError, match=f"{option} 0"):
+            command(tmp_path / "a.npz", *stage, option, 0, *out)
     with pytest.raises(InputError, match="would replace a file that it is made from"):
         run(tmp_path / "a.npz", out=tmp_path / "stage.h5", stage=tmp_path / "stage.h5")
 

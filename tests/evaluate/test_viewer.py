@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.core.door import PORTS_TRIED
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate import run_folder, viewer
 from gs2ci.evaluate.viewer import SHOWN_DEPTH, free_port, load_scene, serve
@@ -160,7 +161,7 @@ def test_a_free_port_is_taken_as_it_is_and_a_taken_one_gives_way_to_the_next():
     port = free_port("127.0.0.1", 0)
     assert free_port("127.0.0.1", port) == port
     with socket.create_server(("127.0.0.1", port)):
-        assert port < free_port("127.0.0.1", port) < port + viewer.PORTS_TRIED
+        assert port < free_port("127.0.0.1", port) < port + PORTS_TRIED
 
 
 @pytest.mark.parametrize("port", [-1, 65_536])

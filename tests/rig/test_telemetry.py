@@ -157,6 +157,10 @@ def test_the_unit_of_a_simulated_scene_holds_for_measured_axes_too():
 
 
 def test_an_axis_that_was_not_measured_is_taken_from_the_rig_file_and_it_says_so():
+    stated = table({"mount": {"error_mm": 0.2, "turn_error_deg": 0.05}}, scene_units_per_mm=0.1)
+    provenance = carriage_of(stated, TRAVEL, None).provenance
+    assert provenance["position_error"] == pytest.approx(0.02)
+    assert provenance["turn_error_deg"] == 0.05
     carriage = carriage_of(table({"mount": {"x": [0.0, 0.0, 1.0]}}), TRAVEL, measured("y", (0.0, 1.0, 0.0), 3.0))
     assert carriage.provenance == {"axes_from": "[stage.mount]"}
     poses = carriage.world_to_camera(np.array([[13.0, 5.0], [13.0, 6.0]]), ("x", "y"))

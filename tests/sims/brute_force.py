@@ -74,13 +74,14 @@ def simulate_everything(
     parts, all_seconds = 1, 0.0
     while parts <= PARTS_MAX:
         started = time.perf_counter()
-        light = integrate(scene, path, masks, chain, moments=_even(intervals, parts), renderer=renderer)
+        moments = _even(intervals, parts)
+        photons = integrate(scene, path, masks, chain, moments=moments, renderer=renderer)
         seconds = time.perf_counter() - started
         all_seconds += seconds
         scale = rig.sensor.quantum_efficiency * rig.dn_per_e
-        if before is not None and scale * np.sqrt(np.square(light.photons - before).mean()) <= settle_dn:
-            return BruteForce(light.photons, chain, parts, light.rendered_views, seconds, all_seconds)
-        before, parts = light.photons, 2 * parts
+        if before is not None and scale * np.sqrt(np.square(photons - before).mean()) <= settle_dn:
+            return BruteForce(photons, chain, parts, len(moments.times_s), seconds, all_seconds)
+        before, parts = photons, 2 * parts
     raise NumericsError(
         f"the readings still change by more than {settle_dn} DN with {PARTS_MAX} views per mask",
         remedy="slow the camera down or raise settle_dn",

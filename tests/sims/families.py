@@ -188,7 +188,7 @@ class Case:
     def readings(self, effects, path=None, renderer=RENDERER):
         """Return the readings before counting and rounding, [H, W, 3] DN."""
         chain = EffectChain(effects, self.seed, self.rig)
-        return read_out(integrate(self.scene, path or self.path, self.masks, chain, renderer=renderer).photons, chain)
+        return read_out(integrate(self.scene, path or self.path, self.masks, chain, renderer=renderer), chain)
 
 
 SAMPLED = (MotionBlur(5),)

@@ -38,7 +38,7 @@ def test_complementary_masks_do_not_hide_what_their_edges_change(scene):
 
     def readings(effects):
         chain = EffectChain(effects, 0, rig)
-        return read_out(integrate(scene, path, masks, chain).photons, chain)
+        return read_out(integrate(scene, path, masks, chain), chain)
 
     change = readings((MotionBlur(5), effect)) - readings((MotionBlur(5),))
     truth_dn = np.sqrt(np.square(change).mean())
@@ -55,6 +55,6 @@ def test_a_plan_stays_within_its_tolerance_for_every_family_of_masks(scene, fami
     everything = simulate_everything(scene, path, masks, rig, effects, seed=0)
     for tolerance_dn in (0.25, 5.0):
         decided = plan(SimulationTask(scene, path, masks, rig, effects), PlanChoice(tolerance_dn))
-        light = integrate(scene, path, masks, EffectChain(decided.effects, 0, rig))
+        photons = integrate(scene, path, masks, EffectChain(decided.effects, 0, rig))
         assert decided.error_dn <= tolerance_dn
-        assert deviation_dn(everything, light.photons, decided.effects, 0) <= decided.error_dn + 0.01
+        assert deviation_dn(everything, photons, decided.effects, 0) <= decided.error_dn + 0.01

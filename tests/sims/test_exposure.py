@@ -7,20 +7,20 @@ import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.lens import pixels_of, slopes_of, undistorted
-from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.reconstruct.fit.scene.mask_moments import stated_within_mask
 from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.photons import Dust, GhostReflection
 from gs2ci_sims.effects.views import LensDistortion
-from gs2ci_sims.exposure import Studio, calibrated_masks, expose, read_out
+from gs2ci_sims.exposure import Studio, calibrated_masks, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.radiance import Renderer, rendered_depth
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.sensor import SensorFigures
+from tests.exposing import expose
 
 SENSOR = SensorFigures()
 STILL = StageMove((0.0, 0.0, 0.0))
@@ -195,15 +195,6 @@ def test_masks_are_calibrated_against_the_open_field_behind_the_same_ghost_or_du
         np.testing.assert_allclose(found[:-1], masks * lit, atol=1e-6)
 
 
-def test_a_shot_states_the_least_share_of_the_scene_that_one_of_its_views_shows(small_scene, masks):
-    path = StageMove((-12.0, 0.0, 0.0))  # past the end of the backdrop
-    shot = shoot(small_scene, path, masks)
-    coverage = Renderer().views(small_scene, shot.truth.world_to_camera)[1]
-    shares = (coverage >= 0.99).mean(axis=(1, 2))
-    assert shares.min() < 0.9 * shares.max()
-    assert shot.provenance["covered_share"] == pytest.approx(shares.min())
-
-
 def test_the_same_seed_gives_the_same_shot_and_another_seed_another(small_scene, moving, masks):
     first, again, other = (
         shoot(small_scene, moving, masks, sensor_effects(SENSOR), seed=seed).measurement for seed in (1, 1, 2)
@@ -249,7 +240,6 @@ def test_a_shot_survives_its_file(small_scene, moving, masks, tmp_path):
         assert np.array_equal(getattr(back, name), getattr(shot, name)), name
     assert np.array_equal(back.truth.views, shot.truth.views)
     assert np.array_equal(back.truth.depth, shot.truth.depth)
-    assert back.provenance["rendered_views"] == 8
 
 
 @pytest.mark.parametrize(("effects", "stated"), [
@@ -260,19 +250,6 @@ def test_a_shot_survives_its_file(small_scene, moving, masks, tmp_path):
 ])  # fmt: skip
 def test_a_shot_states_whether_light_was_integrated_along_the_path(small_scene, moving, masks, effects, stated):
     assert stated_within_mask(shoot(small_scene, moving, masks, effects)) == stated
-
-
-def test_progress_hears_of_each_mask(small_scene, masks):
-    class Counting(Silent):
-        def stage(self, name, total=None):
-            self.total = total
-
-        def step(self, done, **figures):
-            self.done = done
-
-    progress = Counting()
-    shoot(small_scene, STILL, masks, progress=progress)
-    assert progress.total == progress.done == 4
 
 
 def test_masks_of_another_size_are_refused(small_scene, masks):
@@ -298,23 +275,6 @@ def test_a_scene_seen_from_another_reference_pose_gives_the_same_shot(small_scen
     view = StageMove((0.0, 0.0, 0.0), reference_world_to_camera=turned)
     elsewhere = dataclasses.replace(small_scene, gaussians=gaussians, world_to_camera=turned)
     assert not np.array_equal(shoot(elsewhere, view, masks).measurement, shoot(small_scene, STILL, masks).measurement)
-
-
-def test_pixels_behind_closed_elements_are_left_out_and_the_light_stays_the_same(small_scene, moving, masks):
-    class Counting(Renderer):
-        masked_views = 0
-
-        def masked(self, *arguments, **options):
-            Counting.masked_views += 1
-            return super().masked(*arguments, **options)
-
-    open_everywhere = np.maximum(masks, np.float32(1e-30))
-    skipped = shoot(small_scene, moving, masks, [MotionBlur(5)], renderer=Counting())
-    assert Counting.masked_views == 4 * (5 - 1)  # the views that the truth needs are rendered whole
-    whole = shoot(small_scene, moving, open_everywhere, [MotionBlur(5)], renderer=Counting())
-    assert Counting.masked_views == 4 * (5 - 1)
-    # The two kernels of the rasteriser stop at slightly different opacities.
-    np.testing.assert_allclose(skipped.measurement, whole.measurement, atol=1e-4)
 
 
 def test_masks_of_another_number_than_the_rig_shows_are_refused(small_scene, masks):

@@ -105,10 +105,10 @@ def test_a_bright_moving_rig_measures_and_stays_within_its_tolerance(scene, coun
     rig, path, masks = setup(scene, photons=60000.0, parallax_px=3.0)
     effects = (MotionBlur(), *sensor_effects(rig.sensor), OpticsPsf(0.4), ModulatorPsf(0.4))
     decided = plan(SimulationTask(scene, path, masks, rig, effects, 5), PlanChoice(0.25))
-    light = integrate(scene, path, masks, EffectChain(decided.effects, 5, rig))
+    photons = integrate(scene, path, masks, EffectChain(decided.effects, 5, rig))
     everything = simulate_everything(scene, path, masks, rig, effects, seed=5, settle_dn=0.05)
     assert len(counted) == 1
-    assert deviation_dn(everything, light.photons, decided.effects, 5) <= decided.error_dn <= 0.25
+    assert deviation_dn(everything, photons, decided.effects, 5) <= decided.error_dn <= 0.25
 
 
 @pytest.mark.parametrize(("photons", "parallax_px"), [(400.0, 3.0), (60000.0, 0.5 * BURSTS * LENGTH_PX)])

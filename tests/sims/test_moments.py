@@ -38,15 +38,9 @@ def test_one_view_per_interval_is_its_middle_with_gaps_and_without():
         np.testing.assert_allclose(moments.weights_s(nominal_slices(intervals)), np.eye(3), atol=1e-12)
 
 
-def test_interpolation_takes_a_view_that_is_there_as_it_is():
-    moments = Moments(np.array([0.0, 3.0]), 3)
-    np.testing.assert_allclose(moments.interpolation(moments.times_s), np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(moments.interpolation(np.array([0.1, 2.9])).sum(axis=1), 1.0)
-
-
 def test_times_outside_belong_to_the_nearest_panel():
     moments = Moments(np.array([0.0, 1.0, 3.0]), 1)
-    assert moments.interpolation(np.array([-5.0, 9.0])).tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    assert moments._panel(np.array([-5.0, 9.0])).tolist() == [0, 1]
 
 
 def test_gauss_weights_add_up_and_lagranges_polynomials_are_one_at_their_nodes():

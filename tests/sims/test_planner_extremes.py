@@ -19,7 +19,6 @@ from gs2ci_sims.effects.stage import StageBacklash, StageRipple, StageVibration
 from gs2ci_sims.effects.timing import ClockDrift, RollingShutter, TriggerTiming
 from gs2ci_sims.effects.transitions import LcosResponse, MirrorTransition
 from gs2ci_sims.effects.views import Defocus, LensDistortion, OpticsPsf, Vignetting
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import LIGHT_PATH, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove
@@ -27,6 +26,7 @@ from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.exposing import expose
 
 SIZE, MASKS = (12, 16), 2
 MOVE = StageMove((0.5, 0.1, 0.0))

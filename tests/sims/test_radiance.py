@@ -69,8 +69,3 @@ def test_harmonics_make_colours_depend_on_the_direction_of_sight(small_scene):
     assert change[0].mean() < -0.02
     assert change[1].mean() > 0.02
     assert abs(change[2].mean()) < 0.01
-
-
-def test_a_view_behind_a_closed_mask_is_dark(small_scene):
-    closed = np.zeros(small_scene.size)
-    assert not Renderer(1).masked(small_scene, np.eye(4)[None], closed).any()

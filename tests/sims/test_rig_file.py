@@ -75,8 +75,8 @@ def test_bounds_count_charge_up_to_the_full_well_that_the_file_gives_as_an_effec
     path = setup.path.build(scene, setup.rig.exposure_s)
     decided = plan(SimulationTask(scene, path, setup.masks(), setup.rig, setup.effects))
     bound = next(one.bound for one in decided.decisions if one.name == "shot_noise")
-    light = integrate(scene, path, setup.masks(), EffectChain(setup.effects, 0, setup.rig))
-    charge = setup.rig.sensor.quantum_efficiency * light.photons
+    photons = integrate(scene, path, setup.masks(), EffectChain(setup.effects, 0, setup.rig))
+    charge = setup.rig.sensor.quantum_efficiency * photons
     assert charge.mean() > 4 * SensorFigures().full_well_e
     assert bound.rms_dn >= setup.rig.dn_per_e * np.sqrt(charge.mean())
 

@@ -7,10 +7,11 @@ from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.charges import FullWell
 from gs2ci_sims.effects.noises import Dsnu, RowNoise
 from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity, Quantisation
-from gs2ci_sims.exposure import read_out, saturation_dn
+from gs2ci_sims.exposure import read_out
 from gs2ci_sims.light_path import EffectChain, sensor_effects
 from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.sensor import SensorFigures
+from tests.exposing import saturation_dn
 
 SENSOR = SensorFigures()
 SATURATION_DN = saturation_dn(EffectChain(sensor_effects(SENSOR), 0))
@@ -94,11 +95,6 @@ def test_a_converter_too_short_for_the_well_saturates_first():
     short = SensorFigures(electrons_per_dn=1.0)
     assert saturation_dn(EffectChain(sensor_effects(short), 0, RigFigures(sensor=short))) == 4095
     assert (readings(1e6, sensor=short) == 4095).all()
-
-
-def test_readings_and_electrons_convert_both_ways():
-    charge = np.linspace(0, 1e4, 50)
-    np.testing.assert_allclose(SENSOR.electrons_from_dn(SENSOR.dn_from_electrons(charge)), charge, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,13 @@ from gs2ci_sims.effects.charges import Blooming, DarkCurrent, Persistence
 from gs2ci_sims.effects.noises import Dsnu, HotPixels, Prnu, ReadNoise, RowNoise
 from gs2ci_sims.effects.readout import BlackLevel, GainNonlinearity
 from gs2ci_sims.effects.timing import RollingShutter
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import LIGHT_PATH, EffectChain, sensor_effects
 from gs2ci_sims.path import StageMove
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.ply import scene_from_ply
 from gs2ci_sims.sensor import SensorFigures
+from tests.exposing import expose
 
 STILL = StageMove((0.0, 0.0, 0.0))
 MILD = (

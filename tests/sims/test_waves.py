@@ -77,13 +77,6 @@ def test_rows_that_are_exposed_at_other_times_count_as_their_worst(small_scene):
     assert (rolling > together + 1e-5).any()
 
 
-def test_views_at_the_moments_themselves_are_no_interpolation(small_scene):
-    waves = CollectedWaves(small_scene, _move(small_scene, 0.5), nominal_slices(INTERVALS))
-    moments = Moments(INTERVALS[[0, -1], [0, 1]], 5)
-    assert waves.missed_at(moments, moments.times_s).max() < 1e-12
-    assert waves.missed_at(moments, INTERVALS.mean(axis=1)).max() > 1e-3
-
-
 def test_a_turn_of_the_stage_is_no_error_of_what_counts_as_exact(small_scene):
     """Panels that end where the stage turns need few views, and what they are held against turns there too."""
     near, _ = small_scene.depth_range()

@@ -13,7 +13,6 @@ import numpy as np
 from gs2ci.core.records import Shot
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
@@ -24,6 +23,7 @@ from gs2ci_sims.scenes.planes import backdrop_at, planes
 from gs2ci_sims.scenes.rectangles import coloured, depth_of, samples
 from gs2ci_sims.scenes.surfels import gaussians_from_surfels
 from gs2ci_sims.sensor import SensorFigures
+from tests.exposing import expose
 from tests.stability.laboratory import laboratory_masks
 
 INTERVAL_S = 0.02

@@ -25,7 +25,6 @@ from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
 from gs2ci.core.storage import read_shot
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.planner import plan
@@ -33,6 +32,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.exposing import expose
 from tests.sims.grey_masks import random_grey_masks
 from tests.tables.beside import BesideViews, beside_file, beside_path, read_beside
 

@@ -97,9 +97,9 @@ class _Bench:
         task = SimulationTask(self.scene, self.path, self.masks, rig, self.setup.effects, seed)
         decided = plan(task, PlanChoice(tolerance_dn))
         chain = EffectChain(decided.effects, seed, rig)
-        light = integrate(self.scene, self.path, self.masks, chain)
-        read_out(light.photons, chain)
-        return decided, light.photons
+        photons = integrate(self.scene, self.path, self.masks, chain)
+        read_out(photons, chain)
+        return decided, photons
 
 
 @lru_cache(maxsize=1)

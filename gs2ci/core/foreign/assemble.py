@@ -301,8 +301,14 @@ class _Import:
             "guesses": list(self.guesses),
             "undone": self.settled.undone,
             "curved": self.settled.curved,
-            **({} if self.options.stage_error is None else {"telemetry": {"position_error": self.options.stage_error}}),
+            **self._stated(),
         }
+
+    def _stated(self) -> dict[str, Any]:
+        said = self.options
+        errors = {"position_error": said.stage_error, "turn_error_deg": said.stage_turn_error_deg}
+        stated = {name: error for name, error in errors.items() if error is not None}
+        return {"telemetry": stated} if stated else {}
 
     def _load(self, role: roles.Role) -> Array | None:
         key = roles.key_of(self.found.container, role, None, self.guesses)

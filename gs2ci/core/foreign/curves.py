@@ -37,10 +37,13 @@ class Curve:
     is_known: bool = True
 
 
+def light_of_srgb(values: F64) -> F64:
+    """Return the light that a display makes of values (at least 0; 1 is white), the inverse of IEC 61966-2-1."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
 def _from_srgb(readings: F64, _: F64, full: float) -> F64:
-    """Decode a display's encoding (IEC 61966-2-1)."""
-    share = np.maximum(readings, 0) / full
-    return full * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return full * light_of_srgb(np.maximum(readings, 0) / full)
 
 
 def _power(exponent: float) -> Callable[[F64, F64, float], F64]:

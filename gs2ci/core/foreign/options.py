@@ -39,6 +39,7 @@ class ImportOptions:
         stage: Log of the stage (`stage_log`): one position for each mask.
         stage_axes: Which way the camera goes as x, y and z of the log grow.
         stage_error: Standard error of these positions, in their unit (mm if it is named).
+        stage_turn_error_deg: By how much the stage may turn the camera from the first position to the last.
         telemetry: The poses of the log, world-to-camera [N, 4, 4], once it is read.
         white_key: Key of frames of an even light; "none": leave them out.
         dark_key: Key of frames without light; "none": leave them out.
@@ -68,6 +69,7 @@ class ImportOptions:
     stage: Path | None = None
     stage_axes: tuple[str, ...] = USUAL_WAYS
     stage_error: float | None = None
+    stage_turn_error_deg: float | None = None
     telemetry: Array | None = None
     bad_pixels: BadPixels = "refuse"
     curve: CurveName = "auto"

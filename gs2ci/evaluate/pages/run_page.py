@@ -228,8 +228,8 @@ def _maps(pictures: RunPictures) -> Markup:
             scale=found,
             pixelated=pictures.pixelated,
         )
-        for found in (pictures.depth, pictures.error, pictures.disagreement)
-        if found is not None
+        for name in ("depth", "error", "disagreement")
+        if (found := pictures.maps.get(name)) is not None
     ]
     if not shown:
         return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
@@ -243,9 +243,9 @@ def _sureness(report: Report, pictures: RunPictures) -> Markup:
         return Markup()
     views = [index + 1 for index in pictures.indices]
     shown = [
-        piece("veiled", map=one, views=views, start=pictures.start, pixelated=pictures.pixelated)
-        for one in (pictures.views_error, pictures.depth_error)
-        if one is not None
+        piece("veiled", map=pictures.maps[name], views=views, start=pictures.start, pixelated=pictures.pixelated)
+        for name in ("views_error", "depth_error")
+        if name in pictures.maps
     ]
     rows: list[tuple[str, str]] = [
         ("standard error of the views' values, mean", describe_number(found.views_mean, 2)),

@@ -3,7 +3,7 @@
 Not here: encoding (`pictures.py`), the page (`run_page.py`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -26,6 +26,32 @@ from gs2ci.evaluate.wording import describe_number, told_apart
 # With more views than this, all of them would be small; the views shown are equally spaced over the exposure.
 MOST_VIEWS: Final = 16
 TICKS: Final = 5
+
+# Names, captions and units of the maps.
+MAPS: Final = {
+    "depth": (
+        "Depth",
+        "Depth along the optical axis, in the unit of the path, colours linear in inverse depth; grey: no depth.",
+        "",
+    ),
+    "error": ("Error", "Error: mean over the colours of |recovered − true|, full scale 1.", ""),
+    "disagreement": (
+        "Disagreement",
+        "Difference between the fits' views and their mean, full scale 1: where it is high, the measurement is "
+        "ambiguous and the error is larger than elsewhere; it does not measure the error itself.",
+        "",
+    ),
+    "views_error": (
+        "Standard error of the view",
+        "Standard error of the view's values, full scale 1: about 68 % of them are off by less.",
+        "",
+    ),
+    "depth_error": (
+        "Standard error of depth",
+        "Standard error of depth, in per cent of it; where there is no depth, the largest.",
+        " %",
+    ),
+}
 
 _Coloured = tuple[list[U8], list[str], float]
 """Coloured maps, the ticks of their scale, and its upper end."""
@@ -50,8 +76,8 @@ class Map:
     pictures: Sequence[Picture]
     picture: Picture
     ticks: Sequence[str]
-    most: float = 0.0
-    unit: str = ""
+    most: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -66,11 +92,7 @@ class RunPictures:
         recovered: The recovered views.
         layers: What they can be compared with, at least one.
         measurement: The measurement, or None if the folder does not have it.
-        depth: Depth, or None if none was found.
-        error: Error, or None if the truth is not known.
-        disagreement: Difference between fits, or None if there was one fit.
-        views_error: Standard error of the views, or None if the run has none.
-        depth_error: Standard error of depth as a share of it, in per cent, or None likewise.
+        maps: Those of `MAPS` that the run has.
     """
 
     indices: Sequence[int]
@@ -80,11 +102,7 @@ class RunPictures:
     recovered: Sequence[Picture]
     layers: Sequence[ComparisonLayer]
     measurement: Picture | None
-    depth: Map | None
-    error: Map | None
-    disagreement: Map | None
-    views_error: Map | None = None
-    depth_error: Map | None = None
+    maps: Mapping[str, Map]
 
     @property
     def all_shown(self) -> bool:
@@ -106,23 +124,10 @@ def collect_pictures(evidence: FinishedRun) -> RunPictures:
         stacks["truth"] = [evidence.true_views[i] for i in indices]
     if evidence.measurement is not None:
         stacks["measurement"] = [evidence.measurement]
-    maps = {
-        "depth": _depth(evidence, indices),
-        "error": _error(evidence, indices),
-        "disagreement": _disagreement(evidence, indices),
-        "views_error": _views_error(evidence, indices),
-        "depth_error": _depth_error(evidence, indices),
-    }
-    ceilings = {name: found[2] for name, found in maps.items() if found is not None}
-    stacks |= {name: found[0] for name, found in maps.items() if found is not None}
-    encoded = encode_all(stacks)
-
-    def shown(name: str, label: str, caption: str, unit: str = "") -> Map | None:
-        found = maps[name]
-        if found is None:
-            return None
-        return Map(label, caption, encoded[name], scale_strip(name), found[1], ceilings[name], unit)
-
+    maps = {name: _from_zero(values, name) for name, values in _errors(evidence, indices).items()}
+    if (depth := _depth(evidence, indices)) is not None:
+        maps = {"depth": depth, **maps}
+    encoded = encode_all(stacks | {name: coloured for name, (coloured, _, _) in maps.items()})
     return RunPictures(
         indices=indices,
         count=count,
@@ -131,26 +136,12 @@ def collect_pictures(evidence: FinishedRun) -> RunPictures:
         recovered=encoded["recovered"],
         layers=_layers(encoded, evidence.report.verdict),
         measurement=encoded["measurement"][0] if "measurement" in encoded else None,
-        depth=shown("depth", "Depth", _DEPTH),
-        error=shown("error", "Error", _ERROR),
-        disagreement=shown("disagreement", "Disagreement", _DISAGREEMENT),
-        views_error=shown("views_error", "Standard error of the view", _VIEWS_ERROR),
-        depth_error=shown("depth_error", "Standard error of depth", _DEPTH_ERROR, " %"),
+        maps={
+            name: Map(label, caption, encoded[name], scale_strip(name), maps[name][1], maps[name][2], unit)
+            for name, (label, caption, unit) in MAPS.items()
+            if name in maps
+        },
     )
-
-
-_DEPTH: Final = (
-    "Depth along the optical axis, in the unit of the path, colours linear in inverse depth; grey: no depth."
-)
-_ERROR: Final = "Error: mean over the colours of |recovered − true|, full scale 1."
-_DISAGREEMENT: Final = (
-    "Difference between the fits' views and their mean, full scale 1: where it is high, the measurement is ambiguous "
-    "and the error is larger than elsewhere; it does not measure the error itself."
-)
-
-
-_VIEWS_ERROR: Final = "Standard error of the view's values, full scale 1: about 68 % of them are off by less."
-_DEPTH_ERROR: Final = "Standard error of depth, in per cent of it; where there is no depth, the largest."
 
 
 def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[ComparisonLayer]:
@@ -170,7 +161,7 @@ def _depth(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     """Colour depth by its inverse; one scale for all views."""
     if evidence.depth is None:
         return None
-    depth = np.stack([evidence.depth[i] for i in indices]).astype(np.float64)
+    depth = np.asarray(evidence.depth[indices], np.float64)
     empty = ~(np.isfinite(depth) & (depth > 0))
     if empty.all():
         return None
@@ -180,34 +171,27 @@ def _depth(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
     return list(colour(inverse, (low, high), "depth", empty=empty)), ticks, high
 
 
-def _error(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
-    if evidence.true_views is None:
-        return None
-    return _from_zero(np.stack([_absolute_error(evidence.views[i], evidence.true_views[i]) for i in indices]), "error")
+def _errors(evidence: FinishedRun, indices: Sequence[int]) -> dict[str, F64]:
+    """Return the maps of which smaller is better, [V, H, W] each, as far as the run has them."""
 
+    def chosen(values: NDArray[Any]) -> F64:
+        return np.asarray(values[indices], np.float64)
 
-def _disagreement(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
-    if evidence.disagreement is None:
-        return None
-    values = np.stack([evidence.disagreement[i] for i in indices]).astype(np.float64)
-    return _from_zero(np.nan_to_num(values), "disagreement")
-
-
-def _views_error(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
-    if evidence.views_error is None:
-        return None
-    return _from_zero(np.stack([evidence.views_error[i] for i in indices]).astype(np.float64), "views_error")
-
-
-def _depth_error(evidence: FinishedRun, indices: Sequence[int]) -> _Coloured | None:
-    if evidence.depth_error is None or evidence.depth is None:
-        return None
-    depth, errors = (
-        np.stack([values[i] for i in indices]).astype(np.float64) for values in (evidence.depth, evidence.depth_error)
-    )
-    there = depth > 0
-    percent = np.where(there, 100 * errors / np.where(there, depth, 1), 0)
-    return _from_zero(np.where(there, percent, percent.max()), "depth_error")
+    found = {}
+    if evidence.true_views is not None:
+        # A mono truth stands for all three colours.
+        off = np.clip(chosen(evidence.views), 0, 1) - chosen(evidence.true_views) / 255
+        found["error"] = np.abs(off).mean(-1)
+    if evidence.disagreement is not None:
+        found["disagreement"] = np.nan_to_num(chosen(evidence.disagreement))
+    if evidence.views_error is not None:
+        found["views_error"] = chosen(evidence.views_error)
+    if evidence.depth_error is not None and evidence.depth is not None:
+        depth = chosen(evidence.depth)
+        there = depth > 0
+        percent = np.where(there, 100 * chosen(evidence.depth_error) / np.where(there, depth, 1), 0)
+        found["depth_error"] = np.where(there, percent, percent.max())
+    return found
 
 
 def _from_zero(values: F64, name: str) -> _Coloured:
@@ -215,9 +199,3 @@ def _from_zero(values: F64, name: str) -> _Coloured:
     ceiling = error_ceiling(values)
     ticks = told_apart(np.linspace(0, ceiling, TICKS).tolist(), describe_number)
     return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks, ceiling
-
-
-def _absolute_error(view: NDArray[Any], truth: U8) -> F64:
-    """Average |view − truth| over the colours, [H, W]; a mono truth stands for all three."""
-    difference = np.clip(view, 0, 1).astype(np.float64) - truth / 255
-    return np.asarray(np.abs(difference).mean(-1), np.float64)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.colmap import pycolmap
+from gs2ci.core.colmap import colmap_camera, pycolmap
 from gs2ci.reconstruct.exposures.corners import Matches, followed, matched
 from gs2ci.reconstruct.exposures.pictures import MeanPicture
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
@@ -116,12 +116,6 @@ def _place(matches: Matches, picture: MeanPicture) -> tuple[int, Similarity] | N
         return None
     own_from_camera = Similarity(1.0, pose[:3, :3].T, picture.centre)
     return int(found["num_inliers"]), own_from_camera.after(Similarity(scale, rigid[:, :3], scale * rigid[:, 3]))
-
-
-def colmap_camera(intrinsics: F64, size: tuple[int, int]) -> Any:
-    """Return a camera matrix, [3, 3], of a picture of a height and width as pycolmap's camera."""
-    parameters = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
-    return pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
 
 
 def _settled(one: Sequence[MeanPicture], other: Sequence[MeanPicture], start: Similarity) -> Pair | None:

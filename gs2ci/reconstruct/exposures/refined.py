@@ -17,9 +17,8 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.colmap import pycolmap
+from gs2ci.core.colmap import colmap_camera, pycolmap
 from gs2ci.reconstruct.exposures.corners import followed
-from gs2ci.reconstruct.exposures.pairs import colmap_camera
 from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 from gs2ci.reconstruct.exposures.together import Adjusted, Corners, adjusted_together

@@ -48,7 +48,7 @@ class Jury:
     def question(self, leader: Entrant, views: F32) -> MotionQuestion:
         """Test still views' residual for motion, and if the test is positive, how much patches reduce it."""
         look = leader.hypothesis.look
-        unfollowed = float(followed_by_other_alone(self._fits.holdout, views, look.decoded).mean())
+        unfollowed = float(self._unfollowed(views, look.decoded).mean())
         left, at_rest = ask(self._fits.holdout, views), look.geometry.known_at_rest
         asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
         if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
@@ -139,8 +139,14 @@ class Jury:
 
     def shown(self, views: F32, decoded: F32) -> F32:
         """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
-        where = followed_by_other_alone(self._fits.holdout, views, decoded)
+        where = self._unfollowed(views, decoded)
         return self._fits.refine(replaced(views, decoded, where) if where.any() else views)
+
+    def _unfollowed(self, views: F32, decoded: F32) -> F32:
+        """Return where views err over time and decoded ones do not, [H, W]; nowhere if that is not asked."""
+        if LeftOut.ERRORS_OVER_TIME in self._settings.left_out:
+            return np.zeros(self._fits.holdout.shot.size, np.float32)
+        return followed_by_other_alone(self._fits.holdout, views, decoded)
 
     def left(self, entrant: Entrant, decoded: F32 | None = None) -> float | None:
         """Return the held-out residual of a fit's views, refined; about as delivered if decoded."""

@@ -12,6 +12,13 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32, F64
 
 BLOCK_PX: Final = 16
+# A block with fewer usable pixels is not asked.
+LEAST_PIXELS: Final = BLOCK_PX**2 // 4
+# Residuals are no independent numbers: what views lack is as wide as the elements of the masks. By how much that makes
+# ratios of tests too large and standard errors too small is seen with residuals displaced by so much (down and right),
+# which know nothing of a block's masks: farther than elements are wide, and along no direction in which a pattern may
+# be displaced from view to view.
+ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
 # Significance level of a block: the probability of such a result if there is nothing to find.
 CHANCE: Final = 1e-3
 # Keeps regressions defined; relative to the mean of the diagonal, over a block.

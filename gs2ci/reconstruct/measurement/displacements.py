@@ -24,7 +24,7 @@ from scipy.special import chdtri
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks, ridged
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, ELSEWHERE_PX, LEAST_PIXELS, in_blocks, ridged
 from gs2ci.reconstruct.measurement.noise import MEDIAN_DEVIATE
 
 # Standard deviation of the smoothing before gradients are taken: the pattern of the masks is removed, edges are kept.
@@ -36,14 +36,10 @@ _NOISE_OF_GRADIENT: Final = 1 / (8 * np.pi * _SMOOTH_PX**4)
 _LEAST_OVER_NOISE: Final = 5.0
 # Pixels that see less than this share of the median light say little, and their quotient is noisy.
 _LEAST_OPEN: Final = 0.3
-# A block with fewer usable pixels is not asked.
-_LEAST_PIXELS: Final = BLOCK_PX**2 // 4
 # The spectrum is averaged over so many neighbouring frequencies along each axis, and never taken to be smaller than
 # this share of its median.
 _SPECTRUM_BINS: Final = 7
 _LEAST_OF_SPECTRUM: Final = 1e-3
-# Residuals of other places, which know nothing of a block's masks, show how much too small the standard errors are.
-_ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
 # Before the last round, so much of what is left is added to the displacements.
 _ROUND_SHARE: Final = 0.8
 # Displacements are of first order: they err by about so many px besides their standard errors.
@@ -159,7 +155,7 @@ def over_blocks(blocks: F64) -> F64:
 
 def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> _Blocks | None:
     """Solve the regressions of blocks; see `_Picture.regression`."""
-    tells = tells & (pixels >= _LEAST_PIXELS)
+    tells = tells & (pixels >= LEAST_PIXELS)
     if not tells.any():
         return None
     gram, moment, power, count = grams[tells], moments[tells], powers[tells], pixels[tells]
@@ -215,7 +211,7 @@ class _Picture:
         smooth = self._first if field is None else _smooth(sharp)
         gain = _whitening(sharp)
         residual = _filtered(sharp, gain) * asked
-        several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in _ELSEWHERE_PX)], axis=-1)
+        several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in ELSEWHERE_PX)], axis=-1)
         slopes = np.gradient(smooth, axis=1), np.gradient(smooth, axis=0)
         design = np.stack(
             [_filtered(-pattern * slope, gain) * asked for pattern in self._patterns for slope in slopes], -1

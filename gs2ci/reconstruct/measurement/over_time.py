@@ -23,24 +23,19 @@ import numpy as np
 from scipy.special import fdtrc, fdtri
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks, ridged
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, ELSEWHERE_PX, LEAST_PIXELS, in_blocks, ridged
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # The same blocks, displaced by half a block down and to the right: a place belongs to four blocks, fewer at the border.
 _STEP_PX: Final = BLOCK_PX // 2
 # A place counts if so many of its blocks do.
 _VOTES: Final = 2
-# A block with fewer usable pixels is not tested.
-_LEAST_PIXELS: Final = BLOCK_PX**2 // 4
 # Standard deviation of the smoothing: wider than the detail that masks of a laboratory leave in common (their edges are
 # soft over one or two pixels), narrower than a block.
 _SMOOTH_PX: Final = 2.0
 # So many temporal frequencies at most: things move smoothly, and each frequency costs a degree of freedom.
 _FREQUENCIES: Final = 8
-# Residuals are no independent numbers: what views lack is as wide as the elements of the masks. How much larger that
-# makes the ratios of the test is seen with residuals displaced by so much (down and right): farther than elements are
-# wide, and along no direction in which a pattern may be displaced from view to view. Compared are these quantiles.
-_ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
+# This quantile of the test's ratios with residuals of other places shows how much too large they are.
 _QUANTILE: Final = 0.95
 # Smaller errors (root mean square over the views, full scale 1) are not worth replacing views.
 _VISIBLE: Final = 0.02
@@ -75,7 +70,7 @@ def errors_over_time(holdout: Holdout, views: F32) -> F32:
     asked = holdout.shot.usable & ~holdout.pixels
     left = np.where(asked, left - _of_whole_views(left, weighted * smoothed.mean(axis=3), asked), 0)
     # Each block is also tested with residuals of other places, which know nothing of its masks.
-    several = np.stack([left, *(np.roll(left, step, axis=(0, 1)) for step in _ELSEWHERE_PX)])
+    several = np.stack([left, *(np.roll(left, step, axis=(0, 1)) for step in ELSEWHERE_PX)])
     tested = [
         (rows, _test(several[:, *rows], weighted[:, *rows], asked[rows]))
         for down in (0, _STEP_PX)
@@ -179,7 +174,7 @@ def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
     offsets = np.linalg.solve(ridged(gram), moments)
     gained, whole = (offsets * moments).sum(axis=1), (residuals**2).sum(axis=1)
     freedom = np.maximum(pixels - unknowns - 1, 1)
-    testable = (pixels >= max(_LEAST_PIXELS, 2 * unknowns)) & (np.trace(gram, axis1=1, axis2=2) > 0)
+    testable = (pixels >= max(LEAST_PIXELS, 2 * unknowns)) & (np.trace(gram, axis1=1, axis2=2) > 0)
     rest = np.maximum(whole - gained, np.finfo(np.float64).eps * whole)
     ratio = np.where(whole > 0, gained / unknowns * freedom[:, None] / np.where(whole > 0, rest, 1), 0).clip(0)
     power_of_offsets = (offsets[..., 0] ** 2).sum(axis=1)

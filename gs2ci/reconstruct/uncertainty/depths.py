@@ -24,7 +24,7 @@ _WITHIN_ONE: Final = 0.68
 
 
 def errors_of_depths(
-    seen: ReadingsSeen, place_px: float, path_error: float, turn: float, others: F64 | None = None
+    seen: ReadingsSeen, place_px: float, path_error: float, turn: float, others: F64 | None = None, stated: float = 0.0
 ) -> F32:
     """Return the standard error of each depth, [N, H, W], in its unit; 0 where there is no depth.
 
@@ -37,12 +37,14 @@ def errors_of_depths(
         path_error: Expected error of the path, as a share of its extent.
         turn: In step with the travel, that readings do not see (`unseen_turn`), rad.
         others: Given poses of further cameras that see the scene, [K, 4, 4].
+        stated: A turn in step with a travel that is given, as the stage states it, rad: it takes no travel's place, so
+            that it shifts all depths.
     """
     depth = seen.depth
     device, most = work_place(), factors.most_of_jump
     middle, found = middle_depth(seen), np.zeros_like(depth)
     cameras = seen.world_to_camera if others is None else np.concatenate([seen.world_to_camera, others])
-    moved_by_turn = turn * float(seen.focal_px.mean()) * len(cameras) ** 0.5
+    per_rad = float(seen.focal_px.mean()) * len(cameras) ** 0.5
     sides = [(float(one.min()), float(one.max())) for one in np.moveaxis(seen.rays, -1, 0)]
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
@@ -55,10 +57,11 @@ def errors_of_depths(
         by_path = factors.depth_by_path * path_error * (factors.at_middle + (own / middle - 1).abs())
         # The travel that the turn stands for moves a point as its inverse depth says, the turn as the middle one's. The
         # more of a point's movement may be turn, the less its depth tells how far from the middle it lies.
-        share = (moved_by_turn / moved).clamp(max=1)
+        share = (turn * per_rad / moved).clamp(max=1)
         by_turn = share * torch.hypot(middle / ahead - 1, share * factors.unknown_depth)
         by_edge = factors.depth_by_jump * jump
-        relative = ((place_px / moved) ** 2 + by_edge**2 + by_path**2 + by_turn**2).sqrt()
+        by_stated = stated * per_rad / moved
+        relative = ((place_px / moved) ** 2 + by_edge**2 + by_path**2 + by_turn**2 + by_stated**2).sqrt()
         found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
 

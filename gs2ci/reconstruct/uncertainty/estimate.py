@@ -92,5 +92,5 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     places = of.world_to_camera, middle_depth(seen), (turn, path.errors.turn)
     positions, rotations = errors_of_poses(covariance, *places, given=given, everywhere=path.places)
     place_px = error_of_places(seen, path.reference, path.followed)
-    depths = errors_of_depths(seen, place_px, path.errors.share, turn, path.others)
+    depths = errors_of_depths(seen, place_px, path.errors.share, turn, path.others, path.errors.turn if given else 0.0)
     return Uncertainty(views, depths, positions, rotations)

@@ -64,6 +64,6 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F6
     others = None if given is None else others
     extent = path_extent(poses if others is None else np.concatenate([poses, others]))
     expected = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0)
-    if given is not None and extent > 0:
-        expected = PathErrors(given[0] / extent, 0.0)
+    if errors is not None and extent > 0:
+        expected = PathErrors(errors.position * unit / extent, errors.turn)
     return PathKnown(geometry.reference, expected, given, others, geometry.followed, places)

@@ -62,12 +62,12 @@ def errors_of_poses(
     position = np.sqrt(_squares(aligned @ covariance @ aligned.T).reshape(count, 2, 3)[:, 0].sum(axis=1))
     apart = _turns_apart(world_to_camera)
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
-    if given:
-        return position, rotation
     everywhere = centres if everywhere is None else everywhere
     middle = everywhere.mean(axis=0)
     own, far, all_far = (np.linalg.norm(one, axis=1) for one in (moved, centres - middle, everywhere - middle))
     length = max(rms_of(own), _LEAST)
+    if given:
+        return position, np.hypot(rotation, turns[1] * own / length)
     # Both show the one freedom: halves, where tracks leave it open more than readings do at best.
     in_step = np.minimum(np.maximum(turns[0] * far, turns[1] * own) / length, np.pi)
     # It bends all paths as one, so that the middle errs no less than the ends.

@@ -23,8 +23,8 @@ from importlib import resources
 from typing import Any, Final
 from urllib.parse import quote
 
-from gs2ci.core.door import LOCAL, PARAMETER, Door
-from gs2ci.core.errors import Gs2ciError, InputError, reason_with_file
+from gs2ci.core.door import LOCAL, MOST_CONNECTIONS, PARAMETER, Door, listening
+from gs2ci.core.errors import Gs2ciError, reason_with_file
 from gs2ci.core.json_text import parse_json
 from gs2ci.rig.live.bench import LiveBench
 
@@ -37,10 +37,7 @@ REQUEST_S: Final = 10.0
 """Time for a request to arrive, from its first wait on."""
 IDLE_S: Final = 30.0
 """Time for which a connection that has been used may wait for the next request."""
-MOST_CONNECTIONS: Final = 256
 LARGEST_REQUEST: Final = 4096
-PORTS_TRIED: Final = 20
-HIGHEST_PORT: Final = 65_535
 ASSETS: Final = {
     "/": ("live.html", "text/html; charset=utf-8"),
     "/live.css": ("live.css", "text/css; charset=utf-8"),
@@ -70,7 +67,8 @@ class LiveServer:
         self._ended = threading.Event()
         self.door = Door("gs2ci live", local=host in LOCAL)
         self._name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
-        self._server = _listen(host, port, self)
+        answer = partial(_Handler, self, _assets())
+        self._server = listening(host, port, lambda address: _Listener(address, answer))
         self._threads = [
             threading.Thread(target=self._server.serve_forever, args=(STOP_S,), name="live server", daemon=True),
             threading.Thread(target=self._watch, name="live watch", daemon=True),
@@ -216,22 +214,6 @@ class _Listener(ThreadingHTTPServer):
     def handle_error(self, request: Any, client_address: Any) -> None:
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
-
-
-def _listen(host: str, port: int, live: LiveServer) -> _Listener:
-    if not 0 <= port <= HIGHEST_PORT:
-        raise InputError(f"port {port}", allowed=f"0 to {HIGHEST_PORT}")
-    tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
-    answer = partial(_Handler, live, _assets())
-    for candidate in tried:
-        try:
-            return _Listener((host, candidate), answer)
-        except OSError as error:
-            reason = error
-    raise InputError(
-        f"nothing can be served at {host}, port {tried[0]} to {tried[-1]}: {reason}",
-        remedy="choose another --port, or a --host of this machine such as 127.0.0.1",
-    )
 
 
 def _assets() -> _Assets:

@@ -14,6 +14,7 @@ import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.curves import light_of_srgb
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.rays.meshes import Gloss, TexturedMesh, trace_mesh
 from gs2ci_sims.scene import Scene
@@ -27,7 +28,6 @@ SUN: Final = np.array([-0.4, -0.8, -0.5]) / np.linalg.norm([-0.4, -0.8, -0.5])
 AMBIENT: Final = 0.45
 # Strips and rings of a sphere.
 SPHERE_STEPS: Final = 24
-SRGB_KNEE: Final = 0.04045
 GLTF_SUFFIXES: Final = (".glb", ".gltf")
 
 
@@ -278,8 +278,8 @@ def _texture_of(part: Any) -> F32:
     if image.mode.startswith("I"):
         # A grey picture of 16 bits, which Pillow would clip at 255.
         grey = np.asarray(image, dtype=np.float64)[..., None] / 65535
-        return _linear(np.repeat(grey, 3, axis=2)).astype(np.float32)
-    return _linear(np.asarray(image.convert("RGB"), dtype=np.float64) / 255).astype(np.float32)
+        return light_of_srgb(np.repeat(grey, 3, axis=2)).astype(np.float32)
+    return light_of_srgb(np.asarray(image.convert("RGB"), dtype=np.float64) / 255).astype(np.float32)
 
 
 def _tints(part: Any, linear: bool) -> F64:
@@ -295,10 +295,10 @@ def _tints(part: Any, linear: bool) -> F64:
         by_face = visual.kind == "face"
         found = _coded(visual.face_colors)[:, None] if by_face else _coded(visual.vertex_colors)[faces]
         # What has no colours of its own has trimesh's grey, which is for screens in any file.
-        tints = found if linear and visual.defined else _linear(found)
+        tints = found if linear and visual.defined else light_of_srgb(found)
         return np.array(np.broadcast_to(tints, (len(faces), 3, 3)))
     if not linear:
-        return np.ones((len(faces), 3, 3)) * (1.0 if _image_of(part) else _linear(_coded(material.main_color)))
+        return np.ones((len(faces), 3, 3)) * (1.0 if _image_of(part) else light_of_srgb(_coded(material.main_color)))
     factor = getattr(material, "baseColorFactor", None)
     tints = np.ones((len(faces), 3, 3)) * (1.0 if factor is None else _coded(factor))
     corners = visual.vertex_attributes.get("color")
@@ -310,8 +310,3 @@ def _coded(colours: Any) -> F64:
     found = np.asarray(colours)
     full = np.iinfo(found.dtype).max if found.dtype.kind == "u" else 1.0
     return np.asarray(found[..., :3] / full, dtype=np.float64)
-
-
-def _linear(srgb: F64) -> F64:
-    """Turn sRGB values into linear ones (IEC 61966-2-1)."""
-    return np.where(srgb <= SRGB_KNEE, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

@@ -129,6 +129,9 @@ def test_a_stage_is_believed_as_far_as_it_states_its_error(request_for, scene):
     stated = {"telemetry": {"position_error": 0.003}}
     found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses), provenance=stated))
     assert found.pose_errors.position * found.unit == pytest.approx(0.003)
+    turning = {"telemetry": {"turn_error_deg": 1.0}}
+    found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses), provenance=turning))
+    assert np.degrees(found.pose_errors.rotation) == pytest.approx(np.hypot(12**-0.5, np.degrees(0.1 / 100)), rel=0.01)
 
 
 def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_states(request_for, scene):
@@ -138,6 +141,7 @@ def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_s
     found = find("stage", request_for(telemetry_world_to_camera=late, provenance=stated))
     assert (found.verdict, found.order_given) == ("full", True)
     assert found.pose_errors == errors_of_given(found.world_to_camera, found.intrinsics).loosened()
+    assert [note.code for note in found.notes] == [Code.POSES_CONTRADICTED]
 
 
 def test_a_files_poses_are_held_as_closely_as_a_stages_but_settle_no_order(request_for, camera_file, scene):

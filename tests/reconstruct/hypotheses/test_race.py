@@ -14,6 +14,7 @@ from gs2ci.core.findings import Code
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.core.run_figures import CurvePoint
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.halves import PathErrors
@@ -133,6 +134,7 @@ def run(
     settings=None,
     further=0.1,
     scatter=0.0,
+    followed=lambda *_: np.zeros(1),
 ):
     """Race from a first look; return the result, and how many iterations each hypothesis got."""
     fits = Fits(leaves, settings or Settings(), scatter=scatter)
@@ -143,7 +145,7 @@ def run(
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
     monkeypatch.setattr(jury, "ask", lambda *_: left)
     monkeypatch.setattr(race, "ask", lambda *_: left)
-    monkeypatch.setattr(jury, "followed_by_other_alone", lambda *_: np.zeros(1))
+    monkeypatch.setattr(jury, "followed_by_other_alone", followed)
     monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
@@ -208,6 +210,13 @@ def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first
     raced, made = run(monkeypatch, first, {FIRST: 0.03, MOVES: 0.05}, settings=settings)
     assert raced.motion.chosen == MOVES
     assert dict(made)[MOVES] == LONG
+
+
+def test_errors_over_time_are_not_asked_for_where_they_are_left_out(monkeypatch, first):
+    """Neither before moving scenes are fitted nor where theirs are compared."""
+    settings, leaves = Settings(left_out=(LeftOut.ERRORS_OVER_TIME,)), {FIRST: 0.03, MOVES: 0.02}
+    raced, _ = run(monkeypatch, first, leaves, settings=settings, left=LOUD, further=0.01, followed=None)
+    assert raced.motion.chosen == MOVES
 
 
 @pytest.mark.parametrize("opens", [False, True])

@@ -46,6 +46,20 @@ def test_places_that_are_less_sure_make_depths_so(seen):
     assert np.allclose(unsure[3, 5, 5], 2 * sure[3, 5, 5], rtol=1e-3)
 
 
+def test_a_turn_that_the_stage_states_shifts_all_depths_and_those_that_move_little_the_most(seen):
+    far = seen.depth.copy()
+    far[..., 16:] *= 1.5
+    plain = replace(seen, depth=far)
+    turn = 1e-3
+    sure, unsure = (errors_of_depths(plain, 0.25, 0.0, 0.0, None, stated) / far for stated in (0.0, turn))
+    added = np.sqrt(unsure**2 - sure**2)
+    points = torch.from_numpy(np.concatenate([seen.rays * far[3, ..., None], far[3, ..., None]], axis=-1)).double()
+    moved = movement(seen.world_to_camera, seen.focal_px, 3, points.unbind(dim=-1)).numpy()
+    turned_px = turn * seen.focal_px.mean() * len(far) ** 0.5
+    assert np.allclose(added[3, 4:-4, 4:12], (turned_px / moved)[4:-4, 4:12], rtol=1e-2)
+    assert added[3, :, 20:].mean() > 1.3 * added[3, :, :12].mean()
+
+
 def test_jumps_of_depth_are_less_sure(seen):
     found = stated(seen)
     assert found[3, 12, 16] > 1.5 * found[3, 12, 28]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.geometry.path.halves import PathErrors
+from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.reconstruct.uncertainty import of_run
 from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
@@ -16,7 +17,7 @@ def known(given=False, expected=None, poses=None, others=None, places=None):
     geometry = SimpleNamespace(
         has_path=True,
         known_at_rest=False,
-        pose_errors=SimpleNamespace(position=0.01, rotation=0.001) if given else None,
+        pose_errors=PoseErrors(0.01, 0.001, turn=0.002) if given else None,
         unit=2.0,
         reference=3,
         path_errors=None if expected is None else PathErrors(expected, 0.01),
@@ -25,7 +26,8 @@ def known(given=False, expected=None, poses=None, others=None, places=None):
     ensemble = SimpleNamespace(best=SimpleNamespace(world_to_camera=poses))
     found = of_run._path(geometry, ensemble, others, places)
     assert found.followed is geometry.followed
-    assert found.errors.turn == (0.0 if expected is None else 0.01)
+    told = 0.002 if given and found.errors.share != expected else 0.0 if expected is None else 0.01
+    assert found.errors.turn == told
     assert found.places is places
     return found
 

@@ -25,7 +25,7 @@ def test_stated_positions_and_turns_are_those_of_drawn_errors():
 
     true, rng = bent(), np.random.default_rng(0)
     spread = np.tile([2e-4] * 3 + [1e-4] * 3, len(true))
-    positions, rotations = errors_of_poses(np.diag(spread**2), true, 2.0, (1e-3, 0.0), given=True)
+    positions, rotations = errors_of_poses(np.diag(spread**2), true, 2.0, (0.0, 0.0), given=True)
     far, turned = [], []
     for _ in range(300):
         twists = torch.from_numpy((spread * rng.standard_normal(len(spread))).reshape(-1, 6))
@@ -41,17 +41,24 @@ def test_a_common_motion_of_all_cameras_is_no_error():
     poses = bent()
     # All cameras move by the same step of the world: the covariance of one direction.
     step = np.concatenate([np.concatenate([-pose[:3, :3] @ [1.0, 2, 3], np.zeros(3)]) for pose in poses])
-    positions, rotations = errors_of_poses(np.outer(step, step), poses, 2.0, (1e-3, 0.0), given=True)
+    positions, rotations = errors_of_poses(np.outer(step, step), poses, 2.0, (0.0, 0.0), given=True)
     assert np.allclose(positions, 0, atol=1e-9)
     assert np.allclose(rotations, 0, atol=1e-9)
 
 
 def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_with_its_travel():
     poses, covariance = bent(), 1e-8 * np.eye(42)
-    given, found = (errors_of_poses(covariance, poses, 2.0, (1e-3, 0.0), given=given) for given in (True, False))
+    given, found = (errors_of_poses(covariance, poses, 2.0, (turn, 0.0), given=not turn) for turn in (0.0, 1e-3))
     assert found[0] == pytest.approx(np.hypot(factors.position * given[0], factors.out_of_step * 2e-3))
     assert found[1][0] > found[1][3]
     assert np.square(found[1]).mean() == pytest.approx(np.square(factors.turn * given[1]).mean() + 1e-6)
+
+
+def test_given_poses_turn_with_the_travel_as_far_as_the_stage_states():
+    poses, covariance = bent(), 1e-8 * np.eye(42)
+    sure, unsure = (errors_of_poses(covariance, poses, 2.0, (1e-3, turn), given=True) for turn in (0.0, 1e-2))
+    assert np.array_equal(sure[0], unsure[0])
+    assert np.square(unsure[1]).mean() == pytest.approx(np.square(sure[1]).mean() + 1e-4)
 
 
 @pytest.mark.parametrize("poses", [path(1), path(2), path(5, (0, 0, 0))], ids=["one view", "two views", "at rest"])

@@ -10,6 +10,7 @@ import urllib.request
 import numpy as np
 import pytest
 
+from gs2ci.core.door import PORTS_TRIED
 from gs2ci.core.errors import InputError
 from gs2ci.rig.live import server as live_server
 from gs2ci.rig.live.server import LiveServer
@@ -288,7 +289,7 @@ def test_a_taken_port_gives_way_to_the_next_and_one_that_is_none_is_refused(make
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         other = LiveServer(bench, port=port)
-        assert port < other.port < port + live_server.PORTS_TRIED
+        assert port < other.port < port + PORTS_TRIED
         other.stop()
     with pytest.raises(InputError, match="port 70000"):
         LiveServer(bench, port=70_000)

@@ -59,7 +59,7 @@ def reached(scene, effect, masks=None, company=(), path=None, rig=None, seeds=(3
         device = dataclasses.replace(rig, device_seed=seed)
         bound = effect.bound(preview(scene, path, masks, device, RENDERER, effects=(*company, effect)), device)
         with_it, without = (
-            read_out(integrate(scene, path, masks, chain, renderer=RENDERER).photons, chain)
+            read_out(integrate(scene, path, masks, chain, renderer=RENDERER), chain)
             for chain in (EffectChain(effects, seed, device) for effects in ((*company, effect), company))
         )
         change = with_it - without
@@ -138,7 +138,7 @@ def test_a_kernel_is_cut_off_with_regard_to_the_light_beside_the_sensor(scene):
             integrate(lit, still(lit), opened(SIZE), EffectChain((MotionBlur(1), one), 0, rig), renderer=RENDERER)
             for one in (whole, cut)
         )
-        change_dn = rig.sensor.quantum_efficiency * rig.dn_per_e * (light.photons - cut_light.photons)
+        change_dn = rig.sensor.quantum_efficiency * rig.dn_per_e * (light - cut_light)
         assert 0 < np.sqrt(np.square(change_dn).mean()) <= ROUNDED * whole.kernel_bound(look, rig, reach).rms_dn
 
 

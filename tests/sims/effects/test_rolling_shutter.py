@@ -20,6 +20,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.signals import Shutter, nominal_slices
+from tests.exposing import weights_of
 
 SIZE = (16, 24)
 RIG = RigFigures(modulator=ModulatorFigures(4), timing=Timing(0.1, 0.02))
@@ -29,7 +30,7 @@ SCENE = planes(np.random.default_rng(1), SIZE)
 
 
 def photons(path, effects):
-    return integrate(SCENE, path, MASKS, EffectChain(effects, 0, RIG)).photons
+    return integrate(SCENE, path, MASKS, EffectChain(effects, 0, RIG))
 
 
 def test_row_y_opens_and_closes_y_line_delays_later():
@@ -81,8 +82,8 @@ def test_a_row_collects_what_of_the_mask_lies_within_its_own_window(latency_ms, 
 
 def test_the_weights_of_a_late_exposure_are_those_of_its_first_row():
     effects = [RollingShutter(1e-3), TriggerTiming(0.03)]
-    light = integrate(SCENE, StageMove((0.0, 0.0, 0.0)), MASKS, EffectChain(effects, 0, RIG))
-    np.testing.assert_allclose(light.weights, [0.7, 1, 1, 1])
+    weights = weights_of(EffectChain(effects, 0, RIG), RIG.timing.intervals_s(len(MASKS)), SIZE[0])
+    np.testing.assert_allclose(weights, [0.7, 1, 1, 1])
     with pytest.raises(InputError, match="misses all masks"):
         photons(StageMove((0.0, 0.0, 0.0)), [RollingShutter(1e-3), TriggerTiming(1.0)])
 

@@ -5,7 +5,7 @@ Here: the triangulation under known poses, and their standard errors. Not here: 
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,6 +24,8 @@ UNSTATED_SHARE: Final = 0.01
 detect an error of this size (`python -m tests.benchmarks given_poses`)."""
 # Standard error of a given orientation, px: a turn that moves the picture by less is not visible.
 _TURN_PX: Final = 0.1
+# Standard deviation, over an even path, of what grows by 1 from its beginning to its end.
+_IN_STEP: Final = 12.0**-0.5
 # Least error of a position: the resolution of float32 for depths of about 1.
 _LEAST_ERROR: Final = float(np.finfo(np.float32).eps)
 # If tracks contradict given poses, their standard errors are larger by this factor.
@@ -55,11 +57,13 @@ class PoseErrors:
         position: Of a camera's centre, in the unit of the poses.
         rotation: Of its orientation, rad.
         contradicted: Whether tracks contradict the poses.
+        turn: Of a turn in step with the travel, standard deviation over the views, rad; a part of `rotation`.
     """
 
     position: float
     rotation: float
     contradicted: bool = False
+    turn: float = 0.0
 
     def loosened(self) -> "PoseErrors":
         """Get larger standard errors, for poses that tracks contradict.
@@ -70,39 +74,47 @@ class PoseErrors:
         return PoseErrors(_CONTRADICTED * self.position, _CONTRADICTED * self.rotation, contradicted=True)
 
 
-def stated_error(shot: Shot) -> float | None:
-    """Get the standard error of the stage's positions that a shot's provenance states; None if it states none.
+def stated_error(shot: Shot, name: Literal["position_error", "turn_error_deg"]) -> float | None:
+    """Get a standard error of the stage's poses that a shot's provenance states; None if it states none.
 
     Returns:
-        `provenance["telemetry"]["position_error"]`, in the unit of the poses.
+        `provenance["telemetry"][name]`: of a position, in the unit of the poses; or of a turn from the first position
+        to the last that the poses do not say, degrees.
 
     Raises:
         InputError: It is not a finite number above 0.
     """
     telemetry = shot.provenance.get("telemetry")
-    error = telemetry.get("position_error") if isinstance(telemetry, dict) else None
+    error = telemetry.get(name) if isinstance(telemetry, dict) else None
     if error is None:
         return None
     if isinstance(error, bool) or not isinstance(error, (int, float)) or not 0 < error < np.inf:
         raise InputError(
-            f"{shot.name} states a position_error of {error!r} for its telemetry",
-            allowed="a finite number above 0, in the unit of the poses, or none",
+            f"{shot.name} states a {name} of {error!r} for its telemetry",
+            allowed="a finite number above 0, or none",
         )
     return float(error)
 
 
-def errors_of_given(world_to_camera: F64, intrinsics: F64, position_error: float | None = None) -> PoseErrors:
+def errors_of_given(
+    world_to_camera: F64, intrinsics: F64, position_error: float | None = None, turn_error_deg: float | None = None
+) -> PoseErrors:
     """Return the standard errors of given poses that the views confirm.
 
-    A stage reports positions. It does not report its turns; these are smaller than what tracks can see.
+    A stage reports positions. It does not report its turns; unless it states how large they may be, these are taken to
+    be smaller than what tracks can see.
 
     Args:
         world_to_camera: [N, 4, 4].
         intrinsics: Camera matrix in px, [3, 3].
         position_error: Standard error of a position, in the unit of the poses; None if it is not stated.
+        turn_error_deg: Of a turn in step with the travel, from the first position to the last; None if it is not
+            stated.
     """
     position = position_error if position_error is not None else UNSTATED_SHARE * path_extent(world_to_camera)
-    return PoseErrors(max(position, _LEAST_ERROR), _TURN_PX / float(intrinsics[0, 0]))
+    turn = 0.0 if turn_error_deg is None else float(np.radians(turn_error_deg)) * _IN_STEP
+    rotation = float(np.hypot(_TURN_PX / intrinsics[0, 0], turn))
+    return PoseErrors(max(position, _LEAST_ERROR), rotation, turn=turn)
 
 
 def movement(before: F64, after: F64) -> Moved:

@@ -22,7 +22,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres, path_extent
-from gs2ci.core.colmap import pycolmap, quietly
+from gs2ci.core.colmap import colmap_camera, pycolmap, quietly
 from gs2ci.reconstruct.geometry.path.halves import PathErrors, error_from_halves, squared_distance
 from gs2ci.reconstruct.threads import in_threads
 
@@ -125,8 +125,7 @@ def _write(
     Returns:
         The images' ids; and for each pair the number of matches confirmed.
     """
-    parameters = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
-    camera = pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
+    camera = colmap_camera(intrinsics, size)
     camera.has_prior_focal_length = True
     database = pycolmap.Database.open(path)
     try:

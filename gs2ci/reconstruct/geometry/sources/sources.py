@@ -13,7 +13,12 @@ from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.initialise import (
+    Geometry,
+    before_camera_at_rest,
+    initialise,
+    measured,
+)
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
@@ -36,26 +41,32 @@ def from_stage(request: Request, progress: Progress) -> Geometry:
     found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
     if not found.tracks:
         found = _without_tracks(request, poses, found)
-    held = _held(found, stated_error(request.shot))
-    return replace(held, order_given=held.has_path, source=PathSource.STAGE)
+    shot = request.shot
+    held = _held(found, PathSource.STAGE, stated_error(shot, "position_error"), stated_error(shot, "turn_error_deg"))
+    return replace(held, order_given=held.has_path)
 
 
-def _held(found: Geometry, error: float | None = None) -> Geometry:
-    """Add the standard errors of given poses, within which the fit refines them.
+def _held(found: Geometry, source: PathSource, error: float | None = None, turn_deg: float | None = None) -> Geometry:
+    """Add the standard errors of given poses, within which the fit refines them, and whether tracks contradict them.
 
     Without them a fit of a small motion exchanges turning for travel, which views hardly show.
 
     Args:
         found: With given poses.
+        source: Who gave them.
         error: Standard error of positions in their unit; None if it is not stated.
+        turn_deg: Of a turn in step with the travel; None if it is not stated.
     """
+    found = replace(found, source=source)
     if not found.has_path:
         return found
     if found.tracks > 0 and found.pose_errors is None:
         # If tracks contradict the poses, they contradict the stated error too.
-        return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics).loosened())
+        errors = errors_of_given(found.world_to_camera, found.intrinsics).loosened()
+        note = finding(Code.POSES_CONTRADICTED, source=source)
+        return replace(found, pose_errors=errors, notes=(note, *found.notes))
     position = None if error is None or found.unit is None else error / found.unit
-    return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position))
+    return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position, turn_deg))
 
 
 def from_displacements(request: Request, progress: Progress) -> Geometry:
@@ -114,7 +125,8 @@ def from_file(path: Path, request: Request, progress: Progress) -> Geometry:
         found = swept_between_points(request, cameras, found)
     elif not found.tracks:
         found = _without_tracks(request, poses, found)
-    return replace(_held(found), source=PathSource.FILE, notes=(*notes, *found.notes))
+    held = _held(found, PathSource.FILE)
+    return replace(held, notes=(*notes, *held.notes))
 
 
 def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:

@@ -105,16 +105,16 @@ def test_a_change_of_frame_is_no_movement_and_a_shift_is_a_share_of_the_path():
 
 def test_what_a_shot_states_of_its_stage_is_an_error_of_places():
     shot = Shot(np.ones((4, 4, 1), np.float32), np.ones((2, 4, 4), np.float32), np.ones(2, np.float32))
-    assert stated_error(shot) is None
-    assert stated_error(replace(shot, provenance={"telemetry": {"axes_from": "[stage.mount]"}})) is None
-    assert stated_error(replace(shot, provenance={"telemetry": {"position_error": 0.02}})) == 0.02
+    assert stated_error(shot, "position_error") is None
+    assert stated_error(replace(shot, provenance={"telemetry": {"axes_from": "x"}}), "position_error") is None
+    assert stated_error(replace(shot, provenance={"telemetry": {"position_error": 0.02}}), "position_error") == 0.02
 
 
 @pytest.mark.parametrize("error", [0, -1.0, float("nan"), float("inf"), "0.1", True])
 def test_an_error_of_places_that_is_none_is_refused(error):
     shot = Shot(np.ones((4, 4, 1), np.float32), np.ones((2, 4, 4), np.float32), np.ones(2, np.float32))
     with pytest.raises(InputError, match="position_error"):
-        stated_error(replace(shot, provenance={"telemetry": {"position_error": error}}))
+        stated_error(replace(shot, provenance={"telemetry": {"position_error": error}}), "position_error")
 
 
 def test_unstated_errors_are_a_share_of_the_path_and_turns_a_part_of_a_pixel():
@@ -122,6 +122,9 @@ def test_unstated_errors_are_a_share_of_the_path_and_turns_a_part_of_a_pixel():
     assert errors_of_given(poses, INTRINSICS).position == pytest.approx(0.01 * np.hypot(24, 0.6))
     assert errors_of_given(poses, INTRINSICS, 0.3).position == 0.3
     assert errors_of_given(poses, INTRINSICS).rotation == pytest.approx(0.1 / 300)
+    stated = errors_of_given(poses, INTRINSICS, turn_error_deg=3.0)
+    in_step = np.std(np.radians(np.linspace(-1.5, 1.5, 1001)))
+    assert stated.rotation == pytest.approx(np.hypot(0.1 / 300, in_step), rel=1e-2)
     assert errors_of_given(np.tile(np.eye(4), (3, 1, 1)), INTRINSICS).position > 0
 
 
