@@ -37,6 +37,12 @@ def path_extent(world_to_camera: F64) -> float:
     return float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
 
 
+def relative_to(world_to_camera: F64, view: int) -> F64:
+    """Return poses, [N, 4, 4], in the coordinates of one view's camera, whose own is the identity but for rounding."""
+    moved: F64 = world_to_camera @ np.linalg.inv(world_to_camera[view])
+    return moved
+
+
 def in_camera(points: F64, world_to_camera: F64) -> F64:
     """Return points of the world, [..., 3], in the coordinates of a camera of a rigid pose, [4, 4]."""
     moved: F64 = points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]

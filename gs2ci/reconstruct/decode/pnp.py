@@ -224,7 +224,7 @@ class _Equations:
 def _equations(shots: Sequence[Shot], gamma: float) -> _Equations:
     if len(shots) == 1:
         (shot,) = shots
-        masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
+        masks = np.ascontiguousarray(shot.transmissions, np.float32)
         measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
         inverse = _inverse_energy(masks, shot.saturated, gamma)
         return _Equations((_Equation(masks, measured, inverse),), masks, measured, inverse > 0)
@@ -239,7 +239,7 @@ def _equations(shots: Sequence[Shot], gamma: float) -> _Equations:
     )
     lit = [shot.usable for shot in shots]
     pairs = list(zip(shots, lit, strict=True))
-    masks = np.sum([shot.masks * shot.weights[:, None, None] * ok for shot, ok in pairs], axis=0)
+    masks = np.sum([shot.transmissions * ok for shot, ok in pairs], axis=0)
     read_sum = np.sum([shot.measurement * ok[..., None] for shot, ok in pairs], axis=0)
     measured = np.ascontiguousarray(read_sum.transpose(2, 0, 1), np.float32)
     return _Equations(each, masks.astype(np.float32), measured, masks.any(axis=0))

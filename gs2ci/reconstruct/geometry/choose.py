@@ -24,7 +24,7 @@ from typing import Final, TypeGuard
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, relative_to
 from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
@@ -215,7 +215,7 @@ def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
 def _lies_in_its_sign(request: Request) -> bool:
     """Tell whether a stage whose poses are rejected would be confirmed with its direction of travel reversed."""
     poses = poses_of_stage(request.shot)
-    back = poses @ np.linalg.inv(poses[len(poses) // 2])
+    back = relative_to(poses, len(poses) // 2)
     back[:, :3, 3] *= -1
     shot = replace(request.shot, telemetry_world_to_camera=back)
     back_again = _asked(replace(request, shot=shot), PathSource.STAGE, Silent()).geometry

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.bounds import Bounded
+from gs2ci.core.cameras import relative_to
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.lens import slopes_of
@@ -485,7 +486,7 @@ def _known(intrinsics: F64 | None) -> Focal | None:
 
 def measured(geometry: Geometry, known_poses: F64) -> Geometry:
     """Return the geometry with its length of 1 expressed in the unit of known poses."""
-    given = known_poses @ np.linalg.inv(known_poses[geometry.reference])
+    given = relative_to(known_poses, geometry.reference)
     path, given_path = (np.linalg.norm(poses[:, :3, 3]) for poses in (geometry.world_to_camera, given))
     return replace(geometry, unit=float(given_path / path) if path > 0 else None)
 

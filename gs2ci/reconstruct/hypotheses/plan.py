@@ -15,15 +15,13 @@ import numpy as np
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Timed, slower_beside
+from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, SAMPLES, Timed, slower_beside
 from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.hypotheses.again import is_wanted
 from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import Origin
 from gs2ci.reconstruct.hypotheses.race import HALF
-from gs2ci.reconstruct.presets.budget import GROWS_BY
 
-_SAMPLES: Final = (np.arange(16) + 0.5) / 16
 # Scenes that move cost so many times as much: each of their Gaussians moves between the masks.
 _MOVING_COSTS: Final = 1.3
 # Decodes that follow the fits (noise weighed, all pixels), by the seconds of the first; after one by patches there are
@@ -135,14 +133,9 @@ def fit_seconds(fits: Fits, timed: Timed, beside: int) -> float:
         beside: How many.
     """
     fit = fits.settings.fit
-    slower = slower_beside(beside, numba.get_num_threads())
-
-    def costs(share: float) -> float:
-        moments = 1.0 if share < fit.mask_moments_from else timed.moments_per_mask
-        return timed.iteration_s * slower * (1 + GROWS_BY * share) * moments / timed.moments_per_mask
-
+    costs = timed.costs(slower_beside(beside, numba.get_num_threads()), fit.mask_moments_from)
     looks = fit.iterations // fit.hold_out.look_every
-    iterating_s = fit.iterations * float(np.mean([costs(float(share)) for share in _SAMPLES]))
+    iterating_s = fit.iterations * float(np.mean([costs(float(share)) for share in SAMPLES]))
     return float(iterating_s + looks * timed.look_s)
 
 

@@ -56,7 +56,7 @@ class OnnxVideoDecoder(OnnxModel):
                 even sides.
             NumericsError: The model failed, or returned another shape, NaN or infinity.
         """
-        masks = (shot.masks * shot.weights[:, None, None]).astype(np.float32)
+        masks = shot.transmissions
         if len(self.outputs[0].shape) == 5:
             return self._colour_views(shot, masks)
         if shot.cfa is None:

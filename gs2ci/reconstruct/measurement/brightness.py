@@ -219,7 +219,7 @@ class LinearSystem:
             shot: The measurement without its held-out pixels; saturated pixels do not count.
             views: Prediction of every view, [N, H, W, C].
         """
-        lit = np.asarray((shot.weights[:, None, None] * shot.masks).any(axis=(1, 2)))
+        lit = np.asarray(shot.transmissions.any(axis=(1, 2)))
         if lit.sum() < 2 or not np.isfinite(views).all():
             return None
         counted = shot.usable

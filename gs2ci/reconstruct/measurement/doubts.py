@@ -103,7 +103,7 @@ def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     light: where the regression says so, masks are correlated with the scene (masks of whole rows are), and it says
     nothing about the others either.
     """
-    coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
+    coded = shot.transmissions.reshape(shot.views, -1).astype(np.float64)
     gram = coded @ coded.T
     if shot.views < 2 or np.linalg.cond(gram) > TOO_ALIKE:
         return []

@@ -64,7 +64,7 @@ def errors_over_time(holdout: Holdout, views: F32) -> F32:
     height, width = holdout.shot.size
     if len(views) < 2 or min(height, width) < _STEP_PX or not np.isfinite(views).all():
         return np.zeros((height, width), np.float32)
-    weighted = holdout.shot.weights[:, None, None] * holdout.shot.masks
+    weighted = holdout.shot.transmissions
     smoothed = np.stack([cv2.GaussianBlur(view, (0, 0), _SMOOTH_PX).reshape(view.shape) for view in views])
     left = (holdout.shot.measurement - holdout.coded(smoothed)).mean(axis=2)
     asked = holdout.shot.usable & ~holdout.pixels

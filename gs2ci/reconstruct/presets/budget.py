@@ -51,8 +51,6 @@ _REPORT_LOOKS: Final = 4
 # The largest share of the time left that polishing gets. Small parts gain 0.5 to 1.2 dB; where it takes a quarter, fits
 # with as many iterations more are as good (`python -m tests.benchmarks budgets`).
 _MOST_FOR_POLISH: Final = 0.3
-# The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
-GROWS_BY: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -129,15 +127,10 @@ class Budget:
         # A pixel is blended with as many Gaussians as cover it: 1.6 times as many take some 1.2 times as long.
         threads = numba.get_num_threads()
         dearer = slower_beside(chosen.fits, threads) * math.sqrt(_population(chosen) / _population(of))
-
-        def costs(share: float) -> float:
-            moments = 1.0 if share < chosen.fit.mask_moments_from else timed.moments_per_mask
-            return timed.iteration_s * dearer * (1 + GROWS_BY * share) * moments / timed.moments_per_mask
-
         return Deadline(
             most=most,
             until_s=until_s,
-            costs=costs,
+            costs=timed.costs(dearer, chosen.fit.mask_moments_from),
             look_s=timed.look_s,
             look_every=chosen.fit.hold_out.look_every,
             clock=self.clock,

@@ -15,8 +15,9 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import relative_to
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth, turned
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 from gs2ci.render.places import work_place
 
@@ -126,7 +127,7 @@ def movement(
     """
     squares, total = torch.zeros_like(points[0]), [torch.zeros_like(points[0]) for _ in focal_px]
     counted = torch.zeros_like(points[0])
-    for motion in world_to_camera @ np.linalg.inv(world_to_camera[view]):
+    for motion in relative_to(world_to_camera, view):
         at, steps = _moving(motion, points)
         inside = at[0].isfinite()
         if sides is not None:
@@ -143,7 +144,8 @@ def movement(
 
 def _moving(motion: F64, points: Sequence[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
     """Return where a camera, [4, 4], sees points, and how this moves as depth grows by a share: slopes, NaN behind."""
-    along = turned(motion, points)
+    x, y, z = points
+    along = [right * x + down * y + ahead * z for right, down, ahead in motion[:3, :3].tolist()]
     depth = along[2] + float(motion[2, 3])
     ahead = torch.where(depth > 0, depth, torch.nan)
     at = [(along[axis] + float(motion[axis, 3])) / ahead for axis in (0, 1)]

@@ -78,7 +78,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         rays=pixel_rays(of.renderer),
         world_to_camera=of.world_to_camera,
         focal_px=of.renderer.intrinsics.double().numpy().diagonal()[:2],
-        transmissions=of.holdout.shot.transmissions.astype(np.float32),
+        transmissions=of.holdout.shot.transmissions,
         noise=noise_of_readings(of.holdout, of.views.scene),
     )
     views = errors_of_views(of.holdout, of.views, errors_alike(flows_between(seen)), seen.noise)

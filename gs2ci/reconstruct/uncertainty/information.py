@@ -12,7 +12,6 @@ of a camera for a part of its travel, a depth for both.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,14 +21,12 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_matrix, csr_matrix
-from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres, in_camera, in_world, path_extent
 from gs2ci.reconstruct.fit.optimiser.poses import LEAST_EXTENT
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.slopes import slopes
-from gs2ci.render.places import work_place
 
 Numbers = NDArray[np.int64]
 
@@ -141,12 +138,6 @@ def flows_between(seen: ReadingsSeen) -> F64:
     return found
 
 
-def turned(motion: F64, points: Sequence[Tensor]) -> list[Tensor]:
-    """Return the coordinates of points, given by theirs, after the rotation of a motion, [4, 4]."""
-    x, y, z = points
-    return [across * x + down * y + along * z for across, down, along in motion[:3, :3].tolist()]
-
-
 def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
     """Return which cell of the reference view, continued beyond its borders, each pixel shows, [N, H, W]; how many."""
     count, height, width = seen.depth.shape
@@ -155,23 +146,13 @@ def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
     reach = np.array([width, height]) / side
     columns, rows = (int(2 * np.ceil(value)) + 3 for value in reach)
     found = np.empty(seen.depth.shape, np.int64)
-    device = work_place()
-    across = torch.from_numpy(seen.rays).to(device).double().unbind(dim=-1)
     for view in range(count):
-        depth = torch.from_numpy(seen.depth[view]).to(device).double()
-        motion = seen.world_to_camera[reference] @ np.linalg.inv(seen.world_to_camera[view])
-        there = turned(motion, (across[0] * depth, across[1] * depth, depth))
-        x, y, z = (part + offset for part, offset in zip(there, motion[:3, 3].tolist(), strict=True))
-        usable = (depth > 0) & (z > 0)
-        column, row = (
-            (torch.where(usable, part, 0.0) / torch.where(usable, z, 1.0) * (focal / side))
-            .clamp(-far, far)
-            .floor()
-            .long()
-            for part, focal, far in zip((x, y), seen.focal_px.tolist(), reach.tolist(), strict=True)
-        )
+        there = in_camera(_in_world(seen, view, np.arange(height * width)), seen.world_to_camera[reference])
+        usable = (seen.depth[view].ravel() > 0) & (there[:, 2] > 0)
+        across = there[:, :2] / np.where(usable, there[:, 2], 1)[:, None] * (seen.focal_px / side)
+        column, row = np.floor(across.clip(-reach, reach)).astype(np.int64).T
         cell = (row + rows // 2) * columns + column + columns // 2
-        found[view] = torch.where(usable, cell, -1).cpu().numpy()
+        found[view] = np.where(usable, cell, -1).reshape(height, width)
     present = np.flatnonzero(np.bincount(found.ravel() + 1)[1:])
     numbers = np.full(present.max(initial=-1) + 2, -1)
     numbers[present + 1] = np.arange(len(present))

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gs2ci.reconstruct.fit.coarse.pace import Timed
 from gs2ci.reconstruct.hypotheses.plan import PlannedStep, RacePlan, fit_seconds
 from gs2ci.reconstruct.pipeline import plan
 from gs2ci.reconstruct.presets.named import rescheduled
@@ -41,14 +42,12 @@ def test_a_still_scene_has_two_fits_and_the_second_is_what_is_in_doubt(path_erro
 
 
 def test_fits_side_by_side_take_longer_than_one_and_moments_cost(monkeypatch):
-    class Timed:
-        iteration_s, look_s, moments_per_mask = 0.1, 0.0, 1.0
-
     class Fits:
         settings = Settings()
 
     monkeypatch.setattr("numba.get_num_threads", lambda: 2)
-    one, two = (fit_seconds(Fits, Timed, beside) for beside in (1, 2))
+    monkeypatch.setattr(Timed, "iteration_s", 0.1)
+    one, two = (fit_seconds(Fits, Timed(2), beside) for beside in (1, 2))
     assert one < two < 2 * one
     # The population grows, up to twice as many at the end.
     assert one == pytest.approx(0.1 * Settings().fit.iterations * 1.5)

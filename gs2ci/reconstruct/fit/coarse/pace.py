@@ -19,9 +19,12 @@ LOOKS_AFTERWARDS: Final = 4
 _REVIEW_EVERY: Final = 10
 # The share of an iteration that further threads do not speed up: two threads take 0.65 of the time of one.
 _ON_ONE_THREAD: Final = 0.3
+# The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
+_GROWS_BY: Final = 1.0
 # The latest iterations show the machine's present load; the mean of all earlier ones is less noisy.
 _TRUST_IN_THE_LATEST: Final = 0.5
-_SAMPLES: Final = (np.arange(16) + 0.5) / 16
+# Shares of a schedule at which its iterations are looked at.
+SAMPLES: Final = (np.arange(16) + 0.5) / 16
 
 
 class Pace:
@@ -89,6 +92,15 @@ class Timed(Pace):
     def looked(self, seconds: float) -> None:
         """Record how long a look took."""
         self.look_s = seconds
+
+    def costs(self, slower: float, mask_moments_from: float) -> Costs:
+        """Return what iterations cost that are so many times slower, masks in several moments from a share on."""
+
+        def seconds(share: float) -> float:
+            moments = 1.0 if share < mask_moments_from else self.moments_per_mask
+            return self.iteration_s * slower * (1 + _GROWS_BY * share) * moments / self.moments_per_mask
+
+        return seconds
 
     def beside(self) -> "Timed":
         """Return another one."""
@@ -188,5 +200,5 @@ class Deadline(Pace):
 
     def _expected_s(self, begin: int, end: int, total: int) -> float:
         """Return the expected seconds of the iterations from `begin` to `end` of a schedule of `total`."""
-        shares = (begin + (end - begin) * _SAMPLES) / max(total, 1)
+        shares = (begin + (end - begin) * SAMPLES) / max(total, 1)
         return (end - begin) * float(np.mean([self._costs(float(share)) for share in shares]))

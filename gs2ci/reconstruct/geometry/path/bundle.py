@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import relative_to
 from gs2ci.core.colmap import pycolmap, quietly
 from gs2ci.core.errors import GeometryError
 from gs2ci.reconstruct.geometry.path.motion import CameraMotion, rays
@@ -76,7 +77,7 @@ def adjust_bundle(
         raise GeometryError("the bundle adjustment found no finite solution")
     adjusted = intrinsics.astype(np.float64).copy()
     adjusted[0, 0], adjusted[1, 1] = focal, focal * ratio
-    relative = poses @ np.linalg.inv(poses[tracks.reference])
+    relative = relative_to(poses, tracks.reference)
     relative[tracks.reference] = np.eye(4)  # exact, without rounding errors
     return AdjustedBundle(relative, adjusted)
 

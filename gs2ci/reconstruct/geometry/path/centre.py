@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import relative_to
 from gs2ci.core.findings import Code, Finding, finding
 
 # With fewer views any turn is proportional to any travel.
@@ -69,7 +70,7 @@ def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], refere
     Returns:
         None if cameras do not travel sideways or do not turn at all.
     """
-    relative = world_to_camera @ np.linalg.inv(world_to_camera[reference])
+    relative = relative_to(world_to_camera, reference)
     turns = Rotation.from_matrix(relative[:, :3, :3]).as_rotvec()
     travel, towards = relative[:, :2, 3], np.stack([-turns[:, 1], turns[:, 0]], axis=1)
     aside, turned = float((travel**2).sum()), float((towards**2).sum())

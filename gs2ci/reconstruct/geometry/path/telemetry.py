@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import path_extent
+from gs2ci.core.cameras import path_extent, relative_to
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot, check_rigid
 from gs2ci.core.run_figures import Moved
@@ -120,7 +120,7 @@ def errors_of_given(
 def movement(before: F64, after: F64) -> Moved:
     """Compare world-to-camera poses, [N, 4, 4], up to a common motion, which only changes the world's frame."""
     reference = len(before) // 2
-    change = (after @ np.linalg.inv(after[reference])) @ np.linalg.inv(before @ np.linalg.inv(before[reference]))
+    change = relative_to(after, reference) @ np.linalg.inv(relative_to(before, reference))
     extent = path_extent(before)
     shift = float(np.sqrt((change[:, :3, 3] ** 2).sum(axis=1).mean()))
     angles = Rotation.from_matrix(change[:, :3, :3]).magnitude()
@@ -149,7 +149,7 @@ def place_points(
     Raises:
         GeometryError: The poses do not move the camera, or put most of the points behind it.
     """
-    relative = world_to_camera @ np.linalg.inv(world_to_camera[tracks.reference])
+    relative = relative_to(world_to_camera, tracks.reference)
     rotations, translations = relative[:, :3, :3], relative[:, :3, 3]
     sightings = Sightings.of(tracks, intrinsics)
     inverse_depth = _triangulate(rotations, translations, sightings, huber_px)

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import relative_to
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, flat_geometry
@@ -43,7 +44,7 @@ def swept_along(request: Request, found: Geometry, world_to_camera: F64) -> Geom
         The geometry; None if the reversed path or a camera at rest explains the measurement about as well.
     """
     still, settings = at_rest(found), request.settings.sweep
-    poses = world_to_camera @ np.linalg.inv(world_to_camera[still.reference])
+    poses = relative_to(world_to_camera, still.reference)
     farthest = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
     if farthest == 0:
         return None

@@ -24,6 +24,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import relative_to
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
@@ -328,7 +329,7 @@ def _poses(moves: F64, over_time: F64, reference: int) -> F64:
     poses = np.tile(np.eye(4), (len(each), 1, 1))
     poses[:, :3, :3] = Rotation.from_rotvec(each[:, 3:]).as_matrix()
     poses[:, :3, 3] = each[:, :3]
-    found: F64 = poses @ np.linalg.inv(poses[reference])
+    found = relative_to(poses, reference)
     found[reference] = np.eye(4)
     return found
 

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import in_camera
+from gs2ci.core.cameras import in_camera, relative_to
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import depths_agree, turns_far, view_depths
@@ -97,7 +97,7 @@ def ahead_of(world_to_camera: F64, points: F64, reference: int) -> tuple[F64, F6
     Returns:
         The poses, [N, 4, 4]; the inverse depths of the points that lie ahead; and 1 of the world in the new unit.
     """
-    poses, to_reference = world_to_camera @ np.linalg.inv(world_to_camera[reference]), world_to_camera[reference]
+    poses, to_reference = relative_to(world_to_camera, reference), world_to_camera[reference]
     depths = points @ to_reference[2, :3] + to_reference[2, 3]
     ahead = 1 / depths[depths > 0]
     unit = float(np.median(ahead)) if len(ahead) else 1.0
