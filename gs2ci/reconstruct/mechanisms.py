@@ -52,6 +52,11 @@ def _surfaces(settings: Settings, change: Callable[[SurfaceSettings], SurfaceSet
     return settings if surfaces is None else _fit(settings, surfaces=change(surfaces))
 
 
+def _unexchanged(surfaces: SurfaceSettings) -> SurfaceSettings:
+    field = surfaces.depth_field
+    return surfaces if field is None else replace(surfaces, depth_field=replace(field, exchange=None))
+
+
 def _steps_in_scene(fit: CoarseSettings) -> CoarseSettings:
     return replace(fit, steps=replace(fit.steps, in_view=None))
 
@@ -102,7 +107,7 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
     ),
     Mechanism(
         "restored masks",
-        "masks of open and closed elements that are stated soft or with noise are restored",
+        "masks of open and closed elements that are stated soft, resampled or crisp with noise are restored",
         lambda settings: _set(settings, registration=replace(settings.registration, restores=False)),
         "registration",
     ),
@@ -132,6 +137,12 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "depth field",
         "a smooth field moves the depths of whole regions",
         lambda settings: _surfaces(settings, lambda one: replace(one, depth_field=None)),
+        "steps",
+    ),
+    Mechanism(
+        "relief exchange",
+        "turning of cameras is exchanged for travel, with a constant that the depth field adds to all inverse depths",
+        lambda settings: _surfaces(settings, _unexchanged),
         "steps",
     ),
     Mechanism(

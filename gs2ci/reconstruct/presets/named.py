@@ -36,13 +36,15 @@ def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
 def _draft() -> Settings:
     """A quick result: fewer decode steps and planes, no decode by patches, one short fit of fewer Gaussians."""
     base = Settings()
+    fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.2), _DRAFT_ITERATIONS)
     return replace(
         base,
         decode=replace(base.decode, iterations=20),
         long_decode=None,
         polish=None,
         geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
-        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), _DRAFT_ITERATIONS),
+        # A look decodes the residual, which takes as long as an iteration and a half.
+        fit=replace(fit, hold_out=fit.hold_out.looking(_DRAFT_ITERATIONS // 4)),
         fits=1,
     )
 

@@ -75,6 +75,7 @@ class FitState:
         field = moved and start.motion is None and alone
         self._depth_field = _depth_field(settings, geometry, first.renderer) if field else None
         self._field_step: FieldStep | None = None
+        self._is_given = geometry.is_given
         # At depth 1, which is the scene's median depth.
         self._px_per_length = float(geometry.intrinsics[0, 0])
         self._pixels = size[0] * size[1]
@@ -154,7 +155,9 @@ class FitState:
         surfaces = current.surfaces
         # Before there are surfaces, nothing holds regions where they are.
         field = None if surfaces is None else self._depth_field
-        self._field_step = None if field is None else field.step(scene, poses, share, iteration)
+        # A stage or a file gave the camera's turns, if it gave the path.
+        by_twists = None if self._is_given else current.poses.gradient()
+        self._field_step = None if field is None else field.step(scene, poses, share, iteration, by_twists)
         if surfaces is not None:
             turn, between = divmod(iteration // len(self.exposures), surfaces.settings.every)
             if between == 0:
@@ -237,6 +240,8 @@ class FitState:
             self._field_step.of_scene(self.scene)
             if current.surfaces is not None:
                 current.surfaces = current.surfaces.moved(self._field_step, current.poses.world_to_camera())
+            if self._field_step.twists is not None:
+                current.poses.shift(self._field_step.twists)
         rate = self.optimiser.means_rate(share, damping)
         moves = self.settings.density.shake(self.scene, rate, self.generator)
         if moves is not None:

@@ -154,6 +154,16 @@ class PoseCorrections:
         self._now = None
         self.forget_gradient()
 
+    def gradient(self) -> Tensor | None:
+        """Return the accumulated gradient by twists in scene units, [N, 6]; None if there is none."""
+        return None if self._twists.grad is None else self._twists.grad / self._units
+
+    def shift(self, twists: Tensor) -> None:
+        """Move the cameras by small twists after their poses, in scene units, [N, 6]; Adam's moments stay."""
+        with torch.no_grad():
+            self._twists.add_(twists / self._units)
+        self._now = None
+
     def forget_gradient(self) -> None:
         """Discard the accumulated gradient."""
         self._twists.grad = None

@@ -9,7 +9,7 @@ added to the inverse depths of all Gaussians and of the surfaces. Only the measu
 Here: the field and its steps. Not here: the loops over Gaussians and maps (`kernels/depth_field_kernels.py`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -24,6 +24,7 @@ from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.depth_field_kernels import gather_gradient, move_gaussians, move_map
 from gs2ci.reconstruct.fit.optimiser.adam import DECAY, SQUARE_DECAY
+from gs2ci.reconstruct.fit.surfaces.relief import Relief
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
@@ -42,6 +43,8 @@ class DepthFieldSettings(Bounded):
         deep: Knots over inverse depth.
         rate: Step size at the start of the schedule, in units of inverse depth, whose median is about 1.
         final_rate: Step size at its end; exponential in between.
+        exchange: How many times as long as its own are the steps by which turning of the cameras is exchanged for
+            travel, along a path that nobody gave (`relief`); None: none is.
     """
 
     every: PositiveInt = 2
@@ -50,6 +53,7 @@ class DepthFieldSettings(Bounded):
     deep: Annotated[int, Field(ge=2)] = 4
     rate: Positive = 4e-3
     final_rate: Positive = 4e-4
+    exchange: Positive | None = 4.0
 
 
 @dataclass(frozen=True)
@@ -61,12 +65,14 @@ class FieldStep:
         low: u, v and 1/z of the first knot in this view, [3].
         between: Distances between knots, [3].
         values: Changes at the knots, [A, B, C].
+        twists: The cameras' motion that goes with it, after their poses, [N, 6] (`relief`); None: none.
     """
 
     pose: F64
     low: F64
     between: F64
     values: F64
+    twists: Tensor | None = None
 
     def of_scene(self, scene: Gaussians) -> None:
         """Move Gaussians, in place."""
@@ -107,8 +113,16 @@ class DepthField:
         """Forget the moments of earlier gradients."""
         shape = (self._settings.across, self._settings.down, self._settings.deep)
         self._mean, self._square, self._turns = np.zeros(shape), np.zeros(shape), 0
+        self._relief = Relief()
 
-    def step(self, scene: Gaussians, world_to_camera: Tensor, progress: float, iteration: int) -> FieldStep | None:
+    def step(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        progress: float,
+        iteration: int,
+        by_twists: Tensor | None = None,
+    ) -> FieldStep | None:
         """Compute a step from the present gradients, without applying it; None if none is due.
 
         Args:
@@ -116,6 +130,8 @@ class DepthField:
             world_to_camera: Poses, [N, 4, 4].
             progress: Share of the schedule that is done, in [0, 1]; it determines the step size.
             iteration: Number of iterations done.
+            by_twists: Gradient by twists applied after the poses, translation in scene units first, [N, 6]; None if
+                nothing is to be exchanged, because poses do not step or were given.
         """
         if iteration % self._settings.every or scene.means.grad is None or scene.log_scales.grad is None:
             return None
@@ -130,7 +146,14 @@ class DepthField:
         gradient = found.cpu().numpy()
         if not np.isfinite(gradient).all():
             return None
-        return FieldStep(pose, low, between, -self._rate(progress) * self._direction(gradient))
+        rate, times = self._rate(progress), self._settings.exchange
+        step = FieldStep(pose, low, between, -rate * self._direction(gradient))
+        if times is None or by_twists is None:
+            return step
+        knots = tuple(at + apart * np.arange(n) for at, apart, n in zip(low, between, found.shape, strict=True))
+        travel = (world_to_camera.detach().double().numpy() @ np.linalg.inv(pose))[:, :3, 3]
+        exchanged = self._relief.step(gradient, by_twists, knots, travel, times * rate)
+        return step if exchanged is None else replace(step, values=step.values + exchanged[0], twists=exchanged[1])
 
     def _rate(self, progress: float) -> float:
         rates = self._settings

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.fit.coarse import exposure
+from gs2ci.reconstruct.fit.optimiser.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.surfaces.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -97,3 +98,18 @@ def test_without_parallax_no_surface_is_sought(moving_plane):
     plain, _ = run((shot, still), QUICK)
     fit, _ = run((shot, still), settings)
     assert np.array_equal(fit.views, plain.views)
+
+
+def test_turning_is_exchanged_for_travel_unless_the_path_was_given_or_poses_stay(moving_plane):
+    shot, geometry = moving_plane
+    surfaces = SurfaceSettings((Search(0.3, 1e-2, 1e-3),), margin=None)
+    free = replace(QUICK, surfaces=surfaces)
+    without = replace(free, surfaces=replace(surfaces, depth_field=DepthFieldSettings(exchange=None)))
+    one, two = (run(moving_plane, settings)[0] for settings in (free, without))
+    assert not np.array_equal(one.world_to_camera, two.world_to_camera)
+    for told in ((shot, replace(geometry, source="stage")), (shot, replace(geometry, source="file"))):
+        one, two = (run(told, settings)[0] for settings in (free, without))
+        assert np.array_equal(one.world_to_camera, two.world_to_camera)
+    fixed = PoseSettings(refine=False)
+    one, two = (run(moving_plane, replace(settings, poses=fixed))[0] for settings in (free, without))
+    assert np.array_equal(one.views, two.views)
