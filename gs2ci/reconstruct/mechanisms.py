@@ -107,7 +107,7 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
     ),
     Mechanism(
         "restored masks",
-        "masks of open and closed elements that are stated soft or with noise are restored",
+        "masks of open and closed elements that are stated soft, resampled or crisp with noise are restored",
         lambda settings: _set(settings, registration=replace(settings.registration, restores=False)),
         "registration",
     ),

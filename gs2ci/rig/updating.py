@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, MATTERS_PX, Parameter
+from gs2ci.reconstruct.registration.parameters import BY_NAME, PARAMETERS, let_in
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 STEP: Final = "update"
 # The black level is not a property of masks.
-_GROUPS: Final = tuple(group for group in GROUPS if group.names != ("black",))
-UNITS: Final = {one.name: one.unit for group in _GROUPS for one in group.parameters}
+UNITS: Final = {one.name: one.unit for one in PARAMETERS if one.name != "black"}
 # So many of a bundle's stated errors of registration may masks be displaced.
 _STATED_ERRORS: Final = 5.0
 # Shots whose estimates differ by more than three of their errors on average, and by more than the parameter's
@@ -104,14 +103,15 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
         )
     parameters = {name: _weighted_mean(name, [values[name] for values in answered if name in values]) for name in UNITS}
     known = {name: estimate for name, estimate in parameters.items() if estimate is not None}
-    taken = _significant(known, section.array("masks").shape[1:])
+    size: tuple[int, int] = section.array("masks").shape[1:]
+    pairs = {name: (float(estimate), float(estimate.error)) for name, estimate in known.items()}
+    taken = let_in(pairs, float(np.hypot(*size)) / 2, 1.0)
     if not taken:
         return Update(known, (), 0.0, len(answered), tuple(silent), None)
     misfit = _misfit({name: float(known[name]) for name in taken})
     moved = _moved(section, misfit, {name: known[name] for name in taken}, [file for file, _ in shots])
     kept = _keep(path)
     write_bundle(path, replace(bundle.with_section(moved), path=path))
-    size: tuple[int, int] = section.array("masks").shape[1:]
     largest = float(np.linalg.norm(misfit.displacement_px(size), axis=1).max())
     return Update(known, taken, largest, len(answered), tuple(silent), kept)
 
@@ -239,27 +239,6 @@ def _weighted_mean(name: str, values: list[tuple[float, float]]) -> Estimate | N
             remedy="the masks moved between the shots: take new ones in quick succession, and update with those",
         )
     return Estimate(mean, np.sqrt(max(chi2, 1.0) / weights.sum()), UNITS[name])
-
-
-def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:
-    """Return the parameters that are significant and large enough to matter, in whole groups."""
-
-    def is_sure(one: Parameter) -> bool:
-        if one.name not in known:
-            return False
-        value, error = float(known[one.name]), known[one.name].error
-        if abs(value) < one.errors * error:
-            return False
-        if one.per_px is None:
-            return abs(value) >= one.least
-        return float(np.linalg.norm(_misfit({one.name: value}).displacement_px(size), axis=1).max()) >= MATTERS_PX
-
-    return tuple(
-        name
-        for group in _GROUPS
-        for name in group.names
-        if name in known and any(is_sure(one) for one in group.parameters)
-    )
 
 
 def _misfit(values: Mapping[str, float]) -> "Misfit":

@@ -193,6 +193,10 @@ CASES: dict[str, Callable[[Scene, int], Pair]] = {
         f"stated shifted {p:g} px": stated(lambda m, p=p: moved(m, (0, 0, p), order=1, mode="nearest"))
         for p in (0.25, 0.5)
     },  # type: ignore[misc]
+    **{
+        f"stated magnified {f:g}": stated(lambda m, f=f: warped(m, scale=f))  # type: ignore[misc]
+        for f in (0.98, 1.02)
+    },
     "rotation 0.3°": were(lambda m: warped(m, turn_deg=0.3)),
     "rotation 3°": were(lambda m: warped(m, turn_deg=3)),
     "scale 1.005": were(lambda m: warped(m, scale=1.005)),

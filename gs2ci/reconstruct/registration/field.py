@@ -14,12 +14,11 @@ from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile, agreed
 from gs2ci.reconstruct.registration.fine import MisfitEstimate, Problem, pixel_weights, refine, settled
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import AFFINE, BENT, BY_NAME, FIELD_AT_PX, HIGHER, LOW
+from gs2ci.reconstruct.registration.parameters import AFFINE, BY_NAME, FIELD_AT_PX, HIGHER, LOW
 from gs2ci.reconstruct.registration.placement import Placement
 
 # The field has to move masks somewhere by so much relative to the best affine: less costs less than 0.05 dB.
 MATTERS_PX: Final = 0.05
-_GROUPS: Final = (("radial_px",), BENT)
 _BY_TILES: Final = (*AFFINE, *LOW)
 _GRID: Final = 7
 
@@ -57,7 +56,7 @@ def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> Misf
     """
     closer = refine(problem, start, (*AFFINE, *terms))
     higher = refine(problem, closer.misfit, (*AFFINE, *terms, *HIGHER))
-    if any(higher.is_sure(name) for name in HIGHER) and _predicts_better(problem, closer.misfit, higher.misfit):
+    if {*HIGHER} & {*problem.let_in(higher)} and _predicts_better(problem, closer.misfit, higher.misfit):
         return higher
     return closer
 
@@ -85,11 +84,10 @@ def bent_px(placement: Placement, size: tuple[int, int]) -> float:
 
 
 def _let_in(problem: Problem, estimate: MisfitEstimate) -> tuple[str, ...]:
-    """Return the significant terms; those of one group are accepted together."""
+    """Return the significant terms, if they matter together."""
     if bent_px(estimate.misfit, problem.size) < MATTERS_PX:
         return ()
-    sought = [tuple(name for name in group if name in estimate.errors) for group in _GROUPS]
-    return tuple(name for group in sought if any(estimate.is_sure(one) for one in group) for name in group)
+    return tuple(name for name in problem.let_in(estimate) if name in LOW)
 
 
 def _predicts_better(problem: Problem, without: Misfit, found: Misfit) -> bool:

@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_sums
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import BY_NAME, GEOMETRY, STEP_PX
+from gs2ci.reconstruct.registration.parameters import BY_NAME, GEOMETRY, STEP_PX, let_in
 from gs2ci.reconstruct.registration.placement import from_middle
 from gs2ci.reconstruct.registration.widening import MaskSum
 
@@ -50,10 +50,6 @@ class MisfitEstimate:
         """Get value and standard error of the estimated parameters, by name."""
         return {name: (getattr(self.misfit, name), error) for name, error in self.errors.items()}
 
-    def is_sure(self, name: str) -> bool:
-        """Tell whether a parameter was estimated and is significant."""
-        return abs(getattr(self.misfit, name)) >= BY_NAME[name].errors * self.errors.get(name, 0.0) > 0
-
 
 @dataclass(frozen=True)
 class Problem:
@@ -82,6 +78,10 @@ class Problem:
     def corner_px(self) -> float:
         """Get the distance of the corners from the middle."""
         return float(np.hypot(*self.size)) / 2
+
+    def let_in(self, estimate: MisfitEstimate) -> tuple[str, ...]:
+        """Return the significant parameters that matter, with their groups."""
+        return let_in(estimate.pairs, self.corner_px, self.unit)
 
 
 def pixel_weights(errors: F64, known: Bool) -> F64:
@@ -140,7 +140,7 @@ def refine(problem: Problem, start: Misfit, names: tuple[str, ...]) -> MisfitEst
 def settled(
     problem: Problem,
     estimate: MisfitEstimate,
-    let_in: Callable[[MisfitEstimate], tuple[str, ...]],
+    which: Callable[[MisfitEstimate], tuple[str, ...]] | None = None,
     always: tuple[str, ...] = (),
 ) -> MisfitEstimate | None:
     """Estimate again without the parameters that are not let in, until all are; None if none is left.
@@ -150,14 +150,15 @@ def settled(
     Args:
         problem: The measurement.
         estimate: Of all parameters that are asked for.
-        let_in: Returns those that are significant.
+        which: Returns those that are let in; None: by their list.
         always: Those that are estimated along with them, significant or not.
     """
-    asked, names = set(estimate.errors), let_in(estimate)
+    which = which or problem.let_in
+    asked, names = set(estimate.errors), which(estimate)
     while names:
         start = estimate.misfit.only({*BY_NAME} - asked | {*names, *always})
         estimate = refine(problem, start, (*always, *names))
-        still = tuple(name for name in names if name in let_in(estimate))
+        still = tuple(name for name in names if name in which(estimate))
         if still == names:
             return estimate
         names = still

@@ -27,15 +27,19 @@ class Levels:
     step: F64
 
     @classmethod
-    def of(cls, stated: F64, softened: F64) -> Self:
-        """Fit the stated masks, [N, H, W], by least squares from softened open (1) and closed (0) elements."""
+    def of(cls, stated: F64, softened: F64, seen: Bool | None = None) -> Self:
+        """Fit the stated masks, [N, H, W], by least squares from softened open (1) and closed (0) elements.
+
+        Pixels that do not count may be left out by those that do, [H, W].
+        """
         y, x = (np.linspace(-1, 1, side) for side in stated.shape[1:])
         basis = np.stack([np.multiply.outer(y**i, x**j) for i, j in _QUADRATIC])
+        counted = np.ones(stated.shape[1:], bool) if seen is None else seen
         gram, moment = np.zeros((2 * len(basis),) * 2), np.zeros(2 * len(basis))
         for mask, elements in zip(stated, softened, strict=True):
-            design = np.concatenate([basis, basis * elements]).reshape(2 * len(basis), -1)
+            design = np.concatenate([basis, basis * elements])[:, counted]
             gram += design @ design.T
-            moment += design @ mask.reshape(-1)
+            moment += design @ mask[counted]
         # The smallest solution, if nothing is open.
         found = np.linalg.lstsq(gram, moment, rcond=None)[0]
         closed, step = np.tensordot(found.reshape(2, -1), basis, axes=1)

@@ -157,13 +157,32 @@ PARAMETERS: Final = tuple(one for group in GROUPS for one in group.parameters)
 NAMES: Final = tuple(one.name for one in PARAMETERS)
 BY_NAME: Final = {one.name: one for one in PARAMETERS}
 AFFINE: Final = tuple(name for group in GROUPS[:3] for name in group.names)
-BENT: Final = GROUPS[4].names
-LOW: Final = ("radial_px", *BENT)
+LOW: Final = ("radial_px", *_BENT)
 HIGHER: Final = ("radial5_px",)
 FIELD: Final = (*LOW, *HIGHER)
 GEOMETRY: Final = (*AFFINE, *FIELD)
 LIGHT: Final = ("blur_px2", "leak", "black")
 EDGES: Final = ("widening_px",)
+
+
+def let_in(pairs: Mapping[str, tuple[float, float]], corner_px: float, reading: float) -> tuple[str, ...]:
+    """Return the estimated parameters that are significant and matter; those of one group are let in together.
+
+    An estimate that ended at a limit of its range tells nothing of its group, however small its error is.
+
+    Args:
+        pairs: Value and standard error of those that were estimated, by name.
+        corner_px: Distance of the picture's corners from its middle.
+        reading: Mean reading.
+    """
+
+    def is_sure(one: Parameter) -> bool:
+        value, error = pairs[one.name]
+        return abs(value) >= max(one.errors * error, one.least_at(corner_px, reading)) and error > 0
+
+    asked = [[one for one in group.parameters if one.name in pairs] for group in GROUPS]
+    known = [some for some in asked if any(map(is_sure, some)) and all(pairs[p.name][0] not in p.limits for p in some)]
+    return tuple(one.name for some in known for one in some)
 
 
 def in_words(values: Mapping[str, float], errors: Mapping[str, float]) -> str:

@@ -127,10 +127,11 @@ class Placement(PlacementSection):
             shear=float((straight[0, 1] + straight[1, 0]) / 2),
         )
 
-    def known(self, size: tuple[int, int]) -> Bool:
-        """Return the pixels that the displaced masks still cover, [H, W]."""
+    def known(self, size: tuple[int, ...], beyond_px: float = 0.5) -> Bool:
+        """Return the pixels that the displaced masks still cover, [H, W], so far beyond the outermost centres."""
         # Up to half a pixel beyond the outermost centre a pixel sees more of that element than of the unknown area.
-        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= np.array(size) / 2, axis=-1))
+        most = (np.array(size) - 1) / 2 + beyond_px
+        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= most, axis=-1))
 
 
 def from_middle(size: tuple[int, ...]) -> F64:

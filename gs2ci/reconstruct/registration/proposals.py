@@ -6,9 +6,7 @@ Here: from a coarse shift to estimates without a field and with one. Not here: t
 `field`), the corrected shot, and whether held-out pixels confirm an estimate (`ways`).
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -35,11 +33,9 @@ from gs2ci.reconstruct.registration.parameters import (
     AFFINE,
     EDGES,
     GEOMETRY,
-    GROUPS,
     LIGHT,
     LOW,
     NAMES,
-    Parameter,
 )
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.sharpen import CRISP, one_of, softness
@@ -53,10 +49,6 @@ _TILE_REACH: Final = 8
 _LOOKED_AT_PX: Final = 256
 # A darker leak and a lighter black level are told apart by the scene alone.
 _ALIKE: Final = ("leak", "black")
-
-
-_LetIn = Callable[[MisfitEstimate], tuple[str, ...]]
-"""Returns the parameters of an estimate that are significant and matter."""
 
 
 def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitEstimate], list[MisfitEstimate]]:
@@ -79,18 +71,22 @@ def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitE
     if start is None:
         return [], []
     problem = _problem(shot, element)
-    let_in = partial(_let_in, problem)
     # Clipped readings bias blur, leak and black level if they are left out; positions are not affected.
     tells_light = clipped_share(shot) < SATURATION_WORTH_SAYING and bent_growth(shot) is None
     estimate = refine(problem, start, (*AFFINE, *LIGHT) if tells_light else AFFINE)
-    asked, found = [estimate], settled(problem, estimate, let_in) or MisfitEstimate(Misfit(), {})
+    asked, found = [estimate], settled(problem, estimate) or MisfitEstimate(Misfit(), {})
     more: list[MisfitEstimate] = []
-    if edges and tells_light and softness(one_of(shot.masks)) <= CRISP:
-        wider, all_edges = _with_edges(problem, found, let_in)
+    # Soft masks have no edges, and what their noise takes from the pattern looks like a leak or a black level as well.
+    is_crisp = tells_light and softness(one_of(shot.masks)) <= CRISP
+    if edges and is_crisp:
+        # Last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and leak
+        # are estimated again along with the width, the black level only if there was one before: it looks like a leak.
+        (width,) = EDGES
+        wider, all_edges = _with(problem, found, {width, "blur_px2", "leak"}, width)
         more = [] if wider is None else [wider]
-        asked.append(replace(all_edges, errors={name: all_edges.errors[name] for name in EDGES}))
-    if tells_light and not more:
-        more = _with_either(problem, found, let_in)
+        asked.append(replace(all_edges, errors={width: all_edges.errors[width]}))
+    if is_crisp and not more:
+        more = _with_either(problem, found)
     straightened = [_beside_the_other(one, estimate) for one in (found, *more) if one.errors]
     closest = straightened[-1] if straightened else found
     whole = _problem(shot, element, whole=True)
@@ -101,7 +97,7 @@ def propose(shot: Shot, peak: Peak, *, edges: bool = True) -> tuple[list[MisfitE
     if field is None:
         return straightened, asked
     light = tuple(name for name in closest.errors if name in (*LIGHT, *EDGES))
-    return [*straightened, _with_its_light(problem, whole, field, light, let_in)], asked
+    return [*straightened, _with_its_light(problem, whole, field, light)], asked
 
 
 def _start(shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
@@ -131,22 +127,20 @@ def _again(placed: Placement, seen: F64, total: F64, element: float) -> Placemen
     return Placement.from_affine(closer.matrix @ turned.matrix, closer.shift_px)
 
 
-def _with_its_light(
-    problem: Problem, whole: Problem, field: MisfitEstimate, light: tuple[str, ...], let_in: _LetIn
-) -> MisfitEstimate:
+def _with_its_light(problem: Problem, whole: Problem, field: MisfitEstimate, light: tuple[str, ...]) -> MisfitEstimate:
     """Estimate light with a field, and the field with that light.
 
     Without a field, its displacements were mistaken for blur. And a displacement by a fraction of a pixel blurs as
     well, so that masks stated too sharp or too soft pull a field towards the pixels' centres or away from them: by 0.03
     px with a blur of -0.05 px². Further turns change nothing (docs/decisions/registration.md).
     """
-    along = settled(problem, refine(problem, field.misfit, light), let_in) if light else None
+    along = settled(problem, refine(problem, field.misfit, light)) if light else None
     misfit, errors = (field.misfit.only(GEOMETRY), {}) if along is None else (along.misfit, along.errors)
     field = find_closer(whole, misfit, tuple(name for name in LOW if name in field.errors))
     return MisfitEstimate(field.misfit, {**field.errors, **errors})
 
 
-def _with_either(problem: Problem, found: MisfitEstimate, let_in: _LetIn) -> list[MisfitEstimate]:
+def _with_either(problem: Problem, found: MisfitEstimate) -> list[MisfitEstimate]:
     """Estimate a leak and a black level, each without the other, if neither was accepted.
 
     They are so similar that neither is significant if both are estimated, however large one of them is.
@@ -156,7 +150,7 @@ def _with_either(problem: Problem, found: MisfitEstimate, let_in: _LetIn) -> lis
     """
     if set(_ALIKE) & set(found.errors):
         return []
-    asked = [_with(problem, found, {name, "blur_px2"}, name, let_in)[0] for name in _ALIKE]
+    asked = [_with(problem, found, {name, "blur_px2"}, name)[0] for name in _ALIKE]
     start = found.misfit
     weights = pixel_weights(problem.errors(start), start.known(problem.size))
     return sorted(
@@ -175,21 +169,8 @@ def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEsti
     return replace(found, errors={**found.errors, **wider})
 
 
-def _with_edges(
-    problem: Problem, found: MisfitEstimate, let_in: _LetIn
-) -> tuple[MisfitEstimate | None, MisfitEstimate]:
-    """Estimate whether open elements are wider or narrower than stated; see `_with`.
-
-    This comes last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and
-    leak are estimated again along with the width, the black level only if there was one before: leak and black level
-    are so similar that neither is significant if both are estimated.
-    """
-    (width,) = EDGES
-    return _with(problem, found, {width, "blur_px2", "leak"}, width, let_in)
-
-
 def _with(
-    problem: Problem, found: MisfitEstimate, more: set[str], wanted: str, let_in: _LetIn
+    problem: Problem, found: MisfitEstimate, more: set[str], wanted: str
 ) -> tuple[MisfitEstimate | None, MisfitEstimate]:
     """Estimate more parameters along with those found, of which one is wanted.
 
@@ -197,7 +178,7 @@ def _with(
         An estimate with that one, None if it is not significant; and that of all parameters.
     """
     asked = refine(problem, found.misfit, tuple(name for name in NAMES if name in {*found.errors, *more}))
-    kept = settled(problem, asked, let_in) if wanted in let_in(asked) else None
+    kept = settled(problem, asked) if wanted in problem.let_in(asked) else None
     return kept if kept is not None and wanted in kept.errors else None, asked
 
 
@@ -213,19 +194,5 @@ def _problem(shot: Shot, element: float, *, whole: bool = False) -> Problem:
         seen.window_px,
     )
     unit = float(np.mean(np.abs(part.planes)))
-    return Problem(part, MaskSum(shot.masks, shot.weights, (rows, columns)), max(unit, 1e-300))
-
-
-def _let_in(problem: Problem, estimate: MisfitEstimate) -> tuple[str, ...]:
-    """Return the significant parameters that matter; those of one group are accepted together."""
-
-    def is_sure(one: Parameter) -> bool:
-        least = one.least_at(problem.corner_px, problem.unit)
-        return estimate.is_sure(one.name) and abs(getattr(estimate.misfit, one.name)) >= least
-
-    return tuple(
-        name
-        for group in GROUPS
-        for name in group.names
-        if name in estimate.errors and any(is_sure(one) for one in group.parameters)
-    )
+    is_soft = softness(one_of(shot.masks)) > CRISP
+    return Problem(part, MaskSum(shot.masks, shot.weights, (rows, columns), is_soft=is_soft), max(unit, 1e-300))

@@ -39,7 +39,8 @@ from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.light import find_unit, open_level, untold_clipping
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import GEOMETRY
+from gs2ci.reconstruct.registration.parameters import AFFINE, GEOMETRY
+from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.proposals import propose
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import sources
@@ -66,7 +67,7 @@ class RegistrationSettings(Bounded):
     Args:
         mode: "auto" corrects what the measurement surely shows; "off" uses masks and readings as stated.
         most_shift_px: Largest shift that is searched for.
-        restores: Whether masks of open and closed elements that are stated soft or with noise are restored (`sharpen`).
+        restores: Whether open and closed elements that are stated soft, or crisp with noise, are restored (`sharpen`).
     """
 
     mode: RegistrationMode = "auto"
@@ -294,9 +295,11 @@ class _Registration:
         proposed, asked = propose(self.shot, peak)
         tried = {name: pair for estimate in (*asked, *proposed) for name, pair in estimate.pairs.items()}
         proposals = [way_of(self.shot, estimate) for estimate in proposed]
-        for source in sources(self.shot.masks) if peak.is_sure and self.settings.restores else ():
+        place = Placement(**{name: getattr(asked[0].misfit, name) for name in AFFINE}) if asked else None
+        for source in sources(self.shot.masks, place) if peak.is_sure and self.settings.restores else ():
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
-            again, _ = propose(replace(self.shot, masks=source.masks), peak, edges=False)
+            there = peak if source.placement.is_identity else replace(peak, down_px=0.0, right_px=0.0)
+            again, _ = propose(replace(self.shot, masks=source.masks), there, edges=False)
             estimates = again or [MisfitEstimate(Misfit(), {})]
             proposals += [from_source(self.shot, estimate, source) for estimate in estimates]
         way = chosen(self.shot, [way for way in proposals if not way.is_bent], None, self.seed)

@@ -41,15 +41,16 @@ class Rim:
     notes: tuple[Finding, ...] = ()
 
 
-def complete(shot: Shot, misfit: Misfit) -> tuple[Shot, Rim]:
+def complete(shot: Shot, misfit: Misfit, untold: Bool | None = None) -> tuple[Shot, Rim]:
     """Return a measurement with its masks displaced as they are, and the uncovered band filled.
 
     Args:
         shot: The measurement, with its black level subtracted.
         misfit: The errors of its masks.
+        untold: Pixels that the masks do not tell although they cover them, [H, W].
     """
     stated = shot.masks.astype(np.float64)
-    unknown = ~misfit.known(shot.size)
+    unknown = ~misfit.known(shot.size) | (False if untold is None else untold)
     going_on = misfit.of_masks(stated)
     if not unknown.any():
         return _with(shot, going_on), Rim(unknown)

@@ -1,40 +1,42 @@
 """What masks of open and closed elements were, that are stated softer than they were, or with noise.
 
 A blurred calibration, or a resampled picture of the masks, gives soft masks. If the true elements are either open or
-closed, the masks alone show how they were softened: only undoing the right blur, or the right fraction of a pixel,
-gives elements that are all open or closed. A blur preserves some frequencies and reduces the others below rounding or
-noise; as long as about half of all frequencies are preserved, only one set of masks between closed and open has them
-(Mangasarian and Recht, European Journal of Operational Research 214, 2011). That holds up to about σ 2 px for masks in
-float32, and 1.2 px for masks known to a thousandth. They are found by Douglas-Rachford steps between the two sets.
+closed, the masks alone show how they were softened: only undoing the right blur, or the right displacement, turn and
+change of scale, gives elements that are all open or closed. A blur preserves some frequencies and reduces the others
+below rounding or noise; as long as about half of all frequencies are preserved, only one set of masks between closed
+and open has them (Mangasarian and Recht, European Journal of Operational Research 214, 2011). That holds up to about
+σ 2 px for masks in float32, and 1.2 px for masks known to a thousandth. They are found by Douglas-Rachford steps
+between the two sets. Masks interpolated at other places are inverted by projected, accelerated gradient steps (Beck
+and Teboulle, SIAM Journal on Imaging Sciences 2, 2009); where they lie is fitted to the stated masks, from the place
+that the measurement gives.
 
 What open and closed elements pass is kept as it is stated, with its smooth change over the picture (vignetting): it
 decides how bright the views are, which no held-out pixel tells. So the softening has to be known exactly, blur beside
 interpolation included: with too little of it, closed elements would seem to pass more than they do, and open ones less.
 
-A calibration of few frames adds noise that differs from pixel to pixel. Elements are told apart all the same, and the
-masks are stated again without it, as soft as they were: elements, levels and softness explain far more pixels than they
-have parameters. Noise is cut off at 0 and 1, which shifts the means of what closed and open elements pass.
+A calibration of few frames adds noise that differs from pixel to pixel. Crisp elements are told apart all the same, and
+the masks are stated again without it. Noise is cut off at 0 and 1, which shifts the means of what closed and open
+elements pass.
 
 Here: both. Not here: what elements pass (`levels`), whether the masks are used (`register`, by the measurement), and
 filtering, which sharpens masks where all this fails (`misfit`).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Final, Self
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 from scipy import fft
-from scipy.ndimage import correlate1d
-from scipy.optimize import minimize
+from scipy.optimize import least_squares
 from scipy.special import expit
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.registration.levels import Levels
 from gs2ci.reconstruct.registration.local_scene import TINY
-from gs2ci.reconstruct.registration.misfit import gaussian, transfer, variance_of
-from gs2ci.reconstruct.registration.parameters import MATTERS_PX
+from gs2ci.reconstruct.registration.misfit import gaussian, sigma_of, transfer, variance_of
+from gs2ci.reconstruct.registration.parameters import AFFINE, BY_NAME, MATTERS_PX
+from gs2ci.reconstruct.registration.placement import Placement, from_middle
 
 _LEAST_SIDE_PX: Final = 16
 # Frequencies reduced below the first number count as lost, and blurs wider than the second number, px, are not tried:
@@ -42,36 +44,28 @@ _LEAST_SIDE_PX: Final = 16
 _LOST: Final = ((1e-6, 2.4), (3e-3, 1.3))
 _STEPS: Final = 100
 _STEPS_OF_A_TRY: Final = 30
+# Steps between fits of where elements lie: those of the first are told apart without any.
+_STEPS_TO_FITS: Final = (0, 4, 8)
+_STEPS_OF_A_FIT: Final = 8
 # Stated masks beyond this mean squared distance from open or closed are soft. Under the right hypothesis the
 # unexplained share of their variance is only rounding, or some hundredths if the calibration added noise.
 CRISP: Final = 3e-3
 _EXPLAINED: Final = 0.05
-_SAMPLE_PX: Final = 128
 # Relative distance of the blurs that are tried.
 _SIGMA_STEP: Final = 0.04
 _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
-_FRACTIONS: Final = np.linspace(-0.5, 0.5, 21)
 _FINEST_PX: Final = 1e-3
-# A blur besides an interpolation must leave less than this share of what the interpolation alone leaves, and not be
-# smaller than this, px: taps of less are rounding.
-_BLUR_EXPLAINS: Final = 0.97
-_LEAST_BLUR_PX: Final = 0.15
-# Where the search for both begins, px: so far down and right from the interpolation found alone, and with this blur.
-_NEARBY: Final = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.4), (0.05, 0.0, 0.4), (0.0, 0.05, 0.4)])
-# Noise of less than these variances is left as it is, in crisp masks and in soft ones: single elements of a real
-# modulator differ, too, and a blur is only nearly Gaussian.
-_NOISE_OF_CRISP: Final = 1e-5
-_NOISE_OF_SOFT: Final = 1e-4
+# An interpolation must leave less than this share of what a blur alone leaves.
+_EXPLAINS: Final = 0.97
+# Noise of less than this variance is left as it is: single elements of a real modulator differ, too.
+_NOISE: Final = 1e-5
 # Grey masks are not taken for noisy ones: of evenly grey ones a quarter lies in the middle quarter between open and
-# closed, with noise of σ 0.3 a tenth; and rounded they explain three quarters of their variance.
+# closed, with noise of σ 0.3 a tenth.
 _MIDDLE: Final = 0.125
-_GREY: Final = 0.2
 # Masks of at least this share of the largest variance show the elements of all.
 _SHOWS: Final = 0.5
 # How often levels and elements are found from each other.
 _ROUNDS: Final = 2
-
-_Hypothesis = tuple[float, float]
 
 
 def one_of(masks: F32) -> F64:
@@ -93,40 +87,55 @@ class SharpMasks:
     Args:
         masks: Transmissions, [N, H, W], of elements that are either open or closed.
         how: In words.
-        shift_px: Displacement of the sharp masks from the stated ones, (down, right).
-        blur_px2: Variance of the blur of the stated ones.
+        placement: Where the sharp masks lie relative to the stated ones.
+        blur_px2: Variance of the blur of the stated ones, interpolation included.
     """
 
     masks: F32
     how: str
-    shift_px: tuple[float, float] = (0.0, 0.0)
+    placement: Placement = field(default_factory=Placement)
     blur_px2: float = 0.0
 
+    @property
+    def unknown(self) -> Bool:
+        """Get which pixels the stated masks do not tell, [H, W]."""
+        return ~self.placement.known(self.masks.shape[1:])
 
-def sources(masks: F32) -> list[SharpMasks]:
+
+def sources(masks: F32, place: Placement | None = None) -> list[SharpMasks]:
     """Find what masks of open and closed elements may have been that are stated as the given ones, [N, H, W].
 
+    Args:
+        masks: As stated.
+        place: Where the measurement shows them, right to half a pixel; None: where they are stated.
+
     Returns:
-        The sharp masks, if a blur or an interpolation of them gives the stated ones; the stated ones without their
-        noise, if they have any. Neither if the stated ones are sharp and exact, or grey.
+        The sharp masks, if a blur or an interpolation of them gives the stated ones; crisp ones without their noise, if
+        they have any. None if the stated ones are sharp and exact, or grey.
     """
     if min(masks.shape[1:]) < _LEAST_SIDE_PX or ((masks == 0) | (masks == 1)).all():
         return []
     stated, one = masks.astype(np.float64), one_of(masks)
     crisp = _crisp(stated)
-    without_noise = [] if crisp is None else crisp.without_noise(stated, _NOISE_OF_CRISP)
+    without_noise = [] if crisp is None else _without_noise(stated, crisp)
     if softness(one) < CRISP:
         return without_noise
-    softened = _softened(stated, one)
-    left = softened.left(stated)
-    if crisp is not None and crisp.left(stated) <= left / _BLUR_EXPLAINS:
+    softening, levels = _softened(one, place or Placement())
+    opened = softening.undone(levels.removed_from(stated) if levels.differ else stated)
+    softened = softening.redone(opened)
+    levels = Levels.of(levels.uncut(stated, softened), softened, softening.seen(stated))
+    left = softening.left(stated, np.clip(levels.given_to(softened), 0.0, 1.0))
+    if crisp is not None and softening.left(stated, crisp) <= left / _EXPLAINS:
         return without_noise
-    ways = [softened.sharp] if left <= _EXPLAINED else []
-    return [*ways, *(softened.without_noise(stated, _NOISE_OF_SOFT) if left <= _GREY else ())]
+    if left > _EXPLAINED:
+        return []
+    passed = _transmissions(levels.given_to(opened))
+    size = (one.shape[1], one.shape[2])
+    return [SharpMasks(passed, softening.how(size), softening.placement, softening.blur_px2(size))]
 
 
-def _crisp(stated: F64) -> "_Softened | None":
-    """Tell the elements of crisp masks with noise, [N, H, W], apart; None if they are grey.
+def _crisp(stated: F64) -> F64 | None:
+    """Return crisp masks, [N, H, W], without their noise; None if they are grey.
 
     An element between open and closed is open with the probability that the noise gives it, and passes as much.
     """
@@ -140,71 +149,31 @@ def _crisp(stated: F64) -> "_Softened | None":
         return None
     variance, odds = float(np.mean(deviations**2)), (opened.mean() + TINY) / (1 - opened.mean() + TINY)
     probable = expit((share - 0.5) / max(variance, TINY) + np.log(odds))
-    return _Softened(opened, probable, levels, "")
+    return np.clip(levels.given_to(np.asarray(probable, np.float64)), 0.0, 1.0)
 
 
-def _softened(stated: F64, one: F64) -> "_Softened":
-    """Undo the softening that explains stated masks, [N, H, W], best; one of them, [1, H, W], tells it.
+def _without_noise(stated: F64, crisp: F64) -> list[SharpMasks]:
+    noise = float(np.mean((stated - crisp) ** 2))
+    return [SharpMasks(_transmissions(crisp), f"with noise of σ {np.sqrt(noise):.2g}")] if noise >= _NOISE else []
+
+
+def _softened(one: F64, place: Placement) -> "tuple[_Softening, Levels]":
+    """Find the softening that explains one mask, [1, H, W], best, and what its elements pass.
 
     Elements are told apart better where what they pass is known, and that is known better where elements are. A
     calibration that divides by a dim reference is cut off at 1: what would lie beyond is taken from what was found.
     """
-    softening = _Softening.of(one)
-    found = softening.undone(one)
-    levels = Levels.of(one, found.softened)
+    softening = _Softening.of(one, place)
+    softened, seen = softening.redone(softening.undone(one)), softening.seen(one)
+    levels = Levels.of(one, softened, seen)
     for _ in range(_ROUNDS if levels.differ else 0):
-        share = levels.removed_from(levels.uncut(one, found.softened))
-        softening = _Softening.of(share)
-        found = softening.undone(share)
-        levels = Levels.of(levels.uncut(one, found.softened), found.softened)
+        share = levels.removed_from(levels.uncut(one, softened))
+        softening = _Softening.of(share, softening.placement)
+        softened, seen = softening.redone(softening.undone(share)), softening.seen(one)
+        levels = Levels.of(levels.uncut(one, softened), softened, seen)
         if not levels.cut:
             break
-    found = softening.undone(levels.removed_from(stated) if levels.differ else stated)
-    return replace(found, levels=Levels.of(levels.uncut(stated, found.softened), found.softened))
-
-
-@dataclass(frozen=True)
-class _Softened:
-    """Elements of masks, as they are and as they are stated.
-
-    Args:
-        opened: Open (1) and closed (0), [N, H, W].
-        softened: The same as softly as they are stated.
-        levels: What they pass.
-        how: In words.
-        shift_px, blur_px2: As for `SharpMasks`.
-    """
-
-    opened: F64
-    softened: F64
-    levels: Levels
-    how: str
-    shift_px: tuple[float, float] = (0.0, 0.0)
-    blur_px2: float = 0.0
-
-    @property
-    def sharp(self) -> SharpMasks:
-        """Get the masks before they were softened."""
-        return SharpMasks(_transmissions(self.levels.given_to(self.opened)), self.how, self.shift_px, self.blur_px2)
-
-    def without_noise(self, stated: F64, least: float) -> list[SharpMasks]:
-        """Return the masks as soft as they are stated, [N, H, W], without what differs from mask to mask at one pixel.
-
-        What is alike in all masks is a pixel's own: it is kept, as far as the mean over masks is not noise. Masks that
-        have less than the given variance of noise have none.
-        """
-        given = np.clip(self.levels.given_to(self.softened), 0.0, 1.0)
-        if self.blur_px2 > 0 and len(stated) > 1:
-            residual = stated - given
-            own = residual.mean(axis=0)
-            noise = residual.var(axis=0, ddof=1).mean() / len(stated)
-            given += max(0.0, 1 - noise / max(float(np.mean(own**2)), TINY)) * own
-        noise = float(np.mean((stated - given) ** 2))
-        return [SharpMasks(_transmissions(given), f"with noise of σ {np.sqrt(noise):.2g}")] if noise >= least else []
-
-    def left(self, stated: F64) -> float:
-        """Return the share of the variance of the stated masks, [N, H, W], that they leave."""
-        return _left(stated, np.clip(self.levels.given_to(self.softened), 0.0, 1.0))
+    return softening, levels
 
 
 def _transmissions(values: F64) -> F32:
@@ -213,92 +182,104 @@ def _transmissions(values: F64) -> F32:
 
 @dataclass(frozen=True)
 class _Softening:
-    """The two ways in which masks may have been softened, and how much.
+    """How elements became soft masks: they were blurred, or lie elsewhere and were interpolated, and blurred as well.
 
     Args:
-        told_at: Fractions of a pixel, down and right, whose undoing tells elements apart best; it sharpens a blur, too.
-        shift: Interpolated at these fractions of a pixel,
-        also_px: after a blur of this standard deviation;
-        blur: or blurred by the first number, px, with frequencies lost below the second one.
+        placement: Where the elements lie relative to the stated masks.
+        sigma_px: Standard deviation of the blur.
+        lost: Without a placement: frequencies that the blur reduces below this share are lost.
     """
 
-    told_at: _Hypothesis
-    shift: _Hypothesis
-    also_px: float
-    blur: _Hypothesis
+    placement: Placement = field(default_factory=Placement)
+    sigma_px: float = 0.0
+    lost: float = 0.0
 
     @classmethod
-    def of(cls, sample: F64) -> Self:
-        """Find those that explain one mask, [1, H, W], best."""
-        part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
-        shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, unshifted, _shifted)
-        step = float(_FRACTIONS[1] - _FRACTIONS[0]) / 2
-        while step > _FINEST_PX:
-            around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-            shift, step = _search(around, part, unshifted, _shifted), step / 2
-        tried = [(float(s), lost) for lost, widest in _LOST for s in _SIGMAS_PX if s <= widest]
-        blur = _search(tried, sample, partial(unblur, steps=0), _blurred)
+    def of(cls, sample: F64, place: Placement) -> "_Softening":
+        """Find the softening that explains one mask, [1, H, W], best."""
+        elsewhere, blurred = cls(place), cls._blur_of(sample)
+        for steps in _STEPS_TO_FITS:
+            elsewhere = elsewhere._fitted(sample, elsewhere.undone(sample, steps))
+        size = (sample.shape[1], sample.shape[2])
+        if np.linalg.norm(elsewhere.placement.displacement_px(size), axis=1).max() <= MATTERS_PX:
+            return blurred
+        left = [one.left(sample, one.redone(one.undone(sample))) for one in (elsewhere, blurred)]
+        return elsewhere if left[0] < _EXPLAINS * left[1] else blurred
+
+    @classmethod
+    def _blur_of(cls, sample: F64) -> "_Softening":
+        def best(tried: list[_Softening], steps: int) -> _Softening:
+            return min(tried, key=lambda one: one.left(sample, one.redone(one.undone(sample, steps))))
+
+        found = best([cls(sigma_px=float(s), lost=lost) for lost, most in _LOST for s in _SIGMAS_PX if s <= most], 0)
         step = _SIGMA_STEP / 2
-        while step * blur[0] > _FINEST_PX:
-            around = [(blur[0] * (1 + a * step), blur[1]) for a in (-1, 0, 1)]
-            blur, step = _search(around, sample, partial(unblur, steps=_STEPS_OF_A_TRY), _blurred), step / 2
-        return cls(shift, *_interpolation_and_blur(part, shift), blur)
+        while step * found.sigma_px > _FINEST_PX:
+            around = [replace(found, sigma_px=found.sigma_px * (1 + a * step)) for a in (-1, 0, 1)]
+            found, step = best(around, _STEPS_OF_A_TRY), step / 2
+        return found
 
-    def undone(self, masks: F64) -> _Softened:
-        """Return the elements of masks, [N, H, W], by the way that explains these better."""
-        unblurred = _open_or_closed(unblur(masks, *self.blur, _STEPS))
-        blurred = _blurred(unblurred, *self.blur)
-        if max(np.abs(self.shift)) > MATTERS_PX:
-            interpolated = _open_or_closed(unshifted(masks, *self.told_at))
-            moved = _moved(interpolated, *self.shift, self.also_px)
-            if _left(masks, moved) < _left(masks, blurred):
-                shift_px = (-self.shift[0], -self.shift[1])
-                return _Softened(interpolated, moved, Levels.of(masks, moved), self._how, shift_px, self._blur_px2)
-        how = f"blurred by σ {self.blur[0]:.2f} px"
-        return _Softened(unblurred, blurred, Levels.of(masks, blurred), how, blur_px2=variance_of(self.blur[0]))
+    def _fitted(self, sample: F64, elements: F64) -> "_Softening":
+        """Return the affine placement and the blur under which elements give a mask, both [1, H, W], best."""
+        size, names = (sample.shape[1], sample.shape[2]), (*AFFINE, "blur_px2")
+        steps = np.array([BY_NAME[name].step_at(float(np.hypot(*size)) / 2, 1.0) for name in names])
+        seen = self.seen(sample)
 
-    @property
-    def _how(self) -> str:
-        how = f"interpolated {self.shift[0]:+.2f} px down and {self.shift[1]:+.2f} px to the right"
-        return f"{how} and blurred by σ {self.also_px:.2f} px" if self.also_px else how
+        def trial(unknown: F64) -> _Softening:
+            *placed, blur = (unknown * steps).tolist()
+            sigma = sigma_of(blur) if blur > 0 else 0.0
+            return replace(self, placement=Placement(**dict(zip(AFFINE, placed, strict=True))), sigma_px=sigma)
 
-    @property
-    def _blur_px2(self) -> float:
-        """Get the variance of interpolation and blur; the former is f (1 − f) along its axis."""
-        return float(np.mean([abs(f) * (1 - abs(f)) for f in self.shift])) + variance_of(self.also_px)
+        def unexplained(unknown: F64) -> F64:
+            return _unexplained(sample[:, seen], trial(unknown).redone(elements)[:, seen]).ravel()
 
+        start = np.array([*(getattr(self.placement, name) for name in AFFINE), variance_of(self.sigma_px)]) / steps
+        return trial(least_squares(unexplained, start, max_nfev=_STEPS_OF_A_FIT).x)
 
-def _interpolation_and_blur(soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis, float]:
-    """Return the fraction of a pixel, near one, and the blur in px that explain soft masks best; 0 for hardly any blur.
+    def undone(self, masks: F64, steps: int = _STEPS) -> F64:
+        """Return which elements of masks, [N, H, W], are open (1) and closed (0)."""
+        if self.placement.is_identity:
+            return _open_or_closed(unblur(masks, self.sigma_px, self.lost, steps))
+        found = trial = np.clip(self.placement.sample(masks), 0.0, 1.0)
+        momentum = 1.0
+        for _ in range(min(steps, _STEPS_OF_A_TRY)):
+            nearer = np.clip(trial + self.placement.sample(masks - self.redone(trial)), 0.0, 1.0)
+            before, momentum = momentum, (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+            found, trial = nearer, nearer + (before - 1) / momentum * (nearer - found)
+        return _open_or_closed(found)
 
-    Pictures are often blurred before they are interpolated; elements of a slight blur are told apart all the same.
-    """
-    elements = _open_or_closed(unshifted(soft, *shift))
+    def redone(self, elements: F64) -> F64:
+        """Return elements, [N, H, W], as softly as they are stated."""
+        moved = elements if self.placement.is_identity else self._back.sample(elements)
+        return gaussian(moved, variance_of(self.sigma_px)) if self.sigma_px else moved
 
-    def left(unknown: F64) -> float:
-        down, right = np.clip(unknown[:2], -0.5, 0.5).tolist()
-        return _left(soft, _moved(elements, down, right, abs(float(unknown[2]))))
+    @cached_property
+    def _back(self) -> Placement:
+        """Get where the stated masks lie relative to the elements."""
+        matrix = np.linalg.inv(self.placement.matrix).astype(np.float64)
+        return Placement.from_affine(matrix, -matrix @ self.placement.shift_px)
 
-    simplex = np.array([*shift, 0.0]) + _NEARBY
-    found = minimize(left, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": _FINEST_PX})
-    (down, right), sigma = np.clip(found.x[:2], -0.5, 0.5).tolist(), abs(float(found.x[2]))
-    if sigma >= _LEAST_BLUR_PX and found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
-        return (down, right), sigma
-    return shift, 0.0
+    def seen(self, masks: F64) -> Bool:
+        """Return the pixels of masks, [N, H, W], that are interpolated from elements within the picture, [H, W]."""
+        return self._back.known(masks.shape[1:], 0.0)
 
+    def left(self, stated: F64, given: F64) -> float:
+        """Return the unexplained share of the variance of stated masks, [N, H, W], whatever open and closed pass."""
+        seen = self.seen(stated)
+        inside = stated[:, seen]
+        return float(np.mean(_unexplained(inside, given[:, seen]) ** 2)) / max(float(inside.var()), TINY)
 
-def _moved(elements: F64, down: float, right: float, also_px: float) -> F64:
-    """Interpolate elements at a fraction of a pixel, and blur them by a standard deviation in px, which may be 0."""
-    return gaussian(_shifted(elements, down, right), variance_of(also_px))
+    def how(self, size: tuple[int, int]) -> str:
+        """Return the softening of masks of a size in words."""
+        far = float(np.linalg.norm(self.placement.displacement_px(size), axis=1).max())
+        words = f"up to {far:.2f} px off and interpolated there" if far else ""
+        blur = f"blurred by σ {self.sigma_px:.2f} px" if variance_of(self.sigma_px) >= BY_NAME["blur_px2"].least else ""
+        return " and ".join(filter(None, (words, blur)))
 
-
-_Way = Callable[[F64, float, float], F64]
-
-
-def _search(hypotheses: list[_Hypothesis], masks: F64, undo: _Way, redo: _Way) -> _Hypothesis:
-    """Return the hypothesis under which masks of open and closed elements reproduce the stated ones best."""
-    left = [_left(masks, redo(_open_or_closed(undo(masks, *one)), *one)) for one in hypotheses]
-    return hypotheses[int(np.argmin(left))]
+    def blur_px2(self, size: tuple[int, ...]) -> float:
+        """Return the variance of blur and interpolation; the latter is f (1 − f) along each axis."""
+        fractions = self._back.stated_at(from_middle(size)) + (np.array(size) - 1) / 2
+        fractions -= np.floor(fractions)
+        return float(np.mean(fractions * (1 - fractions))) + variance_of(self.sigma_px)
 
 
 def _open_or_closed(masks: F64) -> F64:
@@ -306,11 +287,10 @@ def _open_or_closed(masks: F64) -> F64:
     return opened
 
 
-def _left(stated: F64, given: F64) -> float:
-    """Return the unexplained share of the variance of stated masks, whatever is passed where all is open or closed."""
+def _unexplained(stated: F64, given: F64) -> F64:
+    """Return what given masks leave of stated ones, whatever is passed where all is open or closed."""
     one, other = stated - stated.mean(), given - given.mean()
-    step = float(np.vdot(one, other)) / max(float(np.vdot(other, other)), TINY)
-    return float(np.mean((one - step * other) ** 2)) / max(float(stated.var()), TINY)
+    return np.asarray(one - float(np.vdot(one, other)) / max(float(np.vdot(other, other)), TINY) * other, np.float64)
 
 
 def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:
@@ -336,32 +316,3 @@ def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:
         guess = guess + np.clip(2 * found - guess, 0.0, 1.0) - found
         found = as_given(guess)
     return found
-
-
-def _blurred(masks: F64, sigma: float, _lost: float) -> F64:
-    return gaussian(masks, variance_of(sigma))
-
-
-def unshifted(masks: F64, down: float, right: float) -> F64:
-    """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, with repeated borders."""
-    return _undone(_undone(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
-
-
-def _undone(masks: F64, fraction: float) -> F64:
-    """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end from which values were shifted."""
-    f = min(abs(fraction), 0.5)
-    out = np.empty(masks.shape)
-    given, found = (masks, out) if fraction >= 0 else (masks[:, ::-1], out[:, ::-1])
-    for k in range(masks.shape[1]):
-        last = found[:, k - 1] if k else given[:, 0]
-        # Transmissions outside [0, 1] are rounding errors, which would propagate.
-        found[:, k] = np.clip((given[:, k] - f * last) / (1 - f), 0.0, 1.0)
-    return out
-
-
-def _shifted(masks: F64, down: float, right: float) -> F64:
-    """Move pictures by a fraction of a pixel, up to a half in each direction, with repeated borders."""
-    for axis, fraction in ((1, down), (2, right)):
-        f = min(max(fraction, -0.5), 0.5)
-        masks = correlate1d(masks, (max(f, 0.0), 1 - abs(f), max(-f, 0.0)), axis, mode="nearest")
-    return masks

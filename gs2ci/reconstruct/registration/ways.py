@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gs2ci.core.arrays import Bool
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.admission import Corner, level_of, squares_of
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import BY_NAME, in_words
+from gs2ci.reconstruct.registration.parameters import AFFINE, BY_NAME, in_words
+from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.rim import Rim, complete
 from gs2ci.reconstruct.registration.sharpen import SharpMasks
 
@@ -37,12 +39,12 @@ class Way:
         return bool(self.misfit.field.any())
 
 
-def way_of(shot: Shot, estimate: MisfitEstimate) -> Way:
-    """Return the shot corrected by an estimate."""
+def way_of(shot: Shot, estimate: MisfitEstimate, untold: Bool | None = None) -> Way:
+    """Return the shot corrected by an estimate; `untold` as for `complete`."""
     misfit, errors = estimate.misfit, dict(estimate.errors)
     found = in_words(misfit.values(), errors)
     readings = (shot.measurement - np.float32(misfit.black)).astype(np.float32)
-    corrected, rim = complete(replace(shot, measurement=readings) if misfit.black else shot, misfit)
+    corrected, rim = complete(replace(shot, measurement=readings) if misfit.black else shot, misfit, untold)
     return Way(corrected, misfit, errors, found, rim, is_filtered=misfit.blur_px2 < 0)
 
 
@@ -52,9 +54,11 @@ def from_source(shot: Shot, estimate: MisfitEstimate, source: SharpMasks) -> Way
     What is said and recorded of the correction is how the masks differ from the stated ones.
     """
     how = f"their elements are open or closed, and stated {source.how}"
-    way = way_of(replace(shot, masks=source.masks), estimate)
-    moved = way.misfit.moved(*source.shift_px)
-    misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
+    way = way_of(replace(shot, masks=source.masks), estimate, source.unknown)
+    moved, place = way.misfit, source.placement
+    both = Placement.from_affine(moved.matrix @ place.matrix, moved.matrix @ place.shift_px + moved.shift_px)
+    affine = {name: getattr(both, name) for name in AFFINE}
+    misfit = replace(moved, **affine, blur_px2=moved.blur_px2 - source.blur_px2)
     # Restored elements may be blurred again as much as they are stated.
     alike = abs(misfit.blur_px2) < BY_NAME["blur_px2"].least
     errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}

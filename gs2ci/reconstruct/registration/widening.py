@@ -4,14 +4,27 @@ Each open element reaches beyond its stated edges by the same length, or ends sh
 which moves light from open to closed elements without changing its sum, and from a leak, which is the same far from any
 edge.
 
-Here: masks with such edges, and their sum for any width. Not here: the estimation of the width (`fine`, `proposals`).
+Soft masks may be stated with noise, which cannot have open edges; what it takes from their sum looks like a blur.
+
+Here: masks with such edges, their sum for any width, and what noise leaves of it. Not here: the estimation of the width
+(`fine`, `proposals`).
 """
 
 from functools import cached_property
+from typing import Final
 
 import numpy as np
+from scipy import fft
+from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32, F64
+
+# What is found at this share of the highest frequencies along both axes is noise: soft masks hardly have any.
+# If it is more than this share of all, the masks may be as rough.
+_HIGHEST: Final = 0.25
+_MOST_NOISE: Final = 0.5
+# Powers are averaged over this share of the frequencies along each axis.
+_SMOOTHED: Final = 0.05
 
 
 def widened(masks: F64, px: float) -> F64:
@@ -49,6 +62,23 @@ def _bands(mask: F64, px: float) -> F64:
     return np.asarray(np.sign(px) * (1 - opened) * np.stack([strips, corners - 2 * strips]), np.float64)
 
 
+def expected(total: F64) -> F64:
+    """Return the sum of true soft masks, [H, W], that is expected if the stated ones, whose sum it is, have noise.
+
+    Readings follow this sum (Wiener's), which has less of high frequencies than the stated one. Compared with that one,
+    noise would be taken for a blur of the true masks, and what a blur explains badly for a leak or a black level.
+    """
+    mean = total.mean()
+    spectrum = fft.dctn(total - mean, norm="ortho")
+    power = spectrum**2
+    noise = float(power[tuple(slice(round(-_HIGHEST * n), None) for n in total.shape)].mean())
+    if noise > _MOST_NOISE * float(power.mean()):
+        return total
+    around = gaussian_filter(power, [_SMOOTHED * n for n in total.shape])
+    kept = np.maximum(1 - noise / np.maximum(around, 1e-300), 0)
+    return np.asarray(mean + fft.idctn(kept * spectrum, norm="ortho"), np.float64)
+
+
 class MaskSum:
     """The weighted sum Σ wᵢ Mᵢ of a piece of the masks, for any width of their elements.
 
@@ -56,11 +86,20 @@ class MaskSum:
         masks: Transmissions, [N, H, W].
         weights: Of the masks, [N].
         part: Rows and columns of the piece.
+        is_soft: Whether they may have noise, and the sum is that which is expected of the true ones.
     """
 
-    def __init__(self, masks: F32 | F64, weights: F32 | F64, part: tuple[slice, slice] = (slice(None), slice(None))):
+    def __init__(
+        self,
+        masks: F32 | F64,
+        weights: F32 | F64,
+        part: tuple[slice, slice] = (slice(None), slice(None)),
+        *,
+        is_soft: bool = False,
+    ):
         self._masks = masks[:, part[0], part[1]]
         self._weights = np.asarray(weights, np.float64)
+        self._is_soft = is_soft
 
     @property
     def weight(self) -> float:
@@ -71,7 +110,7 @@ class MaskSum:
     def stated(self) -> F64:
         """Get the sum of the masks as stated, [H, W]."""
         total: F64 = np.ascontiguousarray(np.tensordot(self._weights, self._masks, axes=1), np.float64)
-        return total
+        return expected(total) if self._is_soft else total
 
     def widened(self, px: float) -> F64:
         """Return the sum of masks with wider elements, [H, W], from two pictures for all widths of one sign."""

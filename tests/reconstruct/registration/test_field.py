@@ -165,7 +165,7 @@ def test_a_step_of_each_parameter_moves_what_is_seen_as_a_small_change_does(at):
 
 
 def test_terms_are_let_in_together_if_one_is_sure_and_masks_move_enough():
-    problem, placement = SimpleNamespace(size=(200, 240)), Placement(radial_px=0.5)
+    problem, placement = Problem(None, MaskSum(np.zeros((1, 200, 240)), [1.0]), 1.0), Placement(radial_px=0.5)
     sure = MisfitEstimate(Misfit(radial_px=0.5), dict.fromkeys(LOW, 1e-4))
     assert "radial_px" in _let_in(problem, sure)
     assert _let_in(problem, replace(sure, misfit=Misfit(radial_px=0.02))) == ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, NAMES, PARAMETERS, in_words
+from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, NAMES, PARAMETERS, in_words, let_in
 
 SIZE = (96, 128)
 
@@ -38,6 +38,20 @@ def test_something_is_said_of_what_was_let_in_alone_and_of_a_field_once():
     assert said.count("bent by a smooth field") == 1
     assert "+0.500 ± 0.010 px down" in said
     assert "of the light" not in said
+
+
+def test_what_ended_at_a_limit_of_its_range_is_not_let_in_nor_is_its_group():
+    pairs = {"down_px": (0.5, 0.01), "right_px": (0.0, 0.01), "rotation_deg": (0.3, 0.01)}
+    at_limits = pairs | {"scale": (BY_NAME["scale"].limits[1], 1e-4), "leak": (BY_NAME["leak"].limits[0], 1e-3)}
+    assert let_in(at_limits, 80.0, 1.0) == ("down_px", "right_px")
+    within = pairs | {"scale": (0.05, 1e-4), "leak": (-0.19, 1e-3)}
+    assert let_in(within, 80.0, 1.0) == tuple(within)
+
+
+def test_what_is_uncertain_or_too_small_to_matter_is_not_let_in():
+    pairs = {"down_px": (0.015, 1e-4), "right_px": (0.04, 0.01), "leak": (0.02, 0.006), "black": (0.02, 1e-3)}
+    assert let_in(pairs, 80.0, 1.0) == ("black",)
+    assert let_in(pairs, 80.0, 3.0) == ()
 
 
 def test_a_bench_reads_the_list_without_numba_or_torch():

@@ -205,6 +205,21 @@ def test_masks_that_are_too_soft_to_tell_what_they_were_are_said_to_be(bench):
     assert off["now"] < 0.95 * off["before"]
 
 
+@pytest.mark.parametrize("sigma", [0.06, 0.12])
+def test_noise_of_soft_masks_is_taken_for_no_blur_leak_or_black_level(bench, sigma):
+    soft = 0.97 * blurred(bench.masks, 0.8) + 0.03
+    noise = np.random.default_rng(3).normal(0, sigma, soft.shape)
+    found = register(bench.shoot(were=soft, stated=np.clip(soft + noise, 0, 1).astype(np.float32)))
+    assert not {"blur_px2", "leak", "black"} & {*found.errors}
+
+
+@pytest.mark.parametrize("scale", [0.98, 1.02])
+def test_masks_resampled_at_another_magnification_are_put_back(bench, scale):
+    found = register(bench.shoot(stated=warped(bench.masks, scale=scale).astype(np.float32)))
+    assert found.misfit.scale == pytest.approx(1 / scale - 1, abs=1e-3)
+    assert np.abs(found.shot.masks - bench.masks)[:, 3:-3, 3:-3].mean() < 0.01
+
+
 @pytest.mark.parametrize("right_px", [0.25, 0.5])
 def test_masks_stated_interpolated_are_put_back(bench, right_px):
     stated = warped(bench.masks, right_px=right_px).astype(np.float32)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.registration.register import register
-from gs2ci.reconstruct.registration.widening import MaskSum, widened
+from gs2ci.reconstruct.registration.widening import MaskSum, expected, widened
 from tests.reconstruct.registration.warps import blurred, regrown, warped
 
 
@@ -55,3 +55,17 @@ def test_soft_masks_are_not_asked(bench):
     found = register(bench.shoot(were=soft, stated=soft))
     assert not found.is_changed
     assert "widening_px" not in found.tried
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.15])
+def test_the_sum_expected_of_soft_masks_with_noise_is_nearer_to_the_true_one(bench, sigma):
+    soft = blurred(bench.masks, 0.8)
+    noise = np.random.default_rng(3).normal(0, sigma, soft.shape).sum(axis=0)
+    true = soft.sum(axis=0)
+    assert np.std(expected(true + noise) - true) < 0.8 * np.std(noise)
+    assert np.abs(expected(true) - true).max() < 0.02
+
+
+def test_a_sum_that_is_rough_itself_is_not_taken_for_noise(bench):
+    total = bench.masks.sum(axis=0, dtype=np.float64)
+    assert expected(total) is total
