@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.arrays import Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
@@ -112,12 +112,6 @@ class Registered:
     def is_changed(self) -> bool:
         """Get whether anything was corrected."""
         return bool(self.notes)
-
-    def as_given(self, measurement: F32) -> F32:
-        """Return readings, [H, W, C], in the unit and above the black level of the measurement as it was given."""
-        if self.unit == 1.0 and self.misfit.black == 0.0:
-            return measurement
-        return (measurement * np.float32(self.unit) + np.float32(self.misfit.black)).astype(np.float32)
 
     def summary(self) -> RegistrationSection:
         """Return the figures for the report."""
