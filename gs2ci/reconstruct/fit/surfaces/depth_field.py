@@ -43,8 +43,8 @@ class DepthFieldSettings(Bounded):
         deep: Knots over inverse depth.
         rate: Step size at the start of the schedule, in units of inverse depth, whose median is about 1.
         final_rate: Step size at its end; exponential in between.
-        exchange: How many times as long as its own are the steps by which turning of the cameras is exchanged for
-            travel, along a path that nobody gave (`relief`); None: none is.
+        exchange: Step size at the start by which turning of the cameras is exchanged for travel, along a path that
+            nobody gave (`relief`), a fifth of it at the end; None: none is.
     """
 
     every: PositiveInt = 2
@@ -53,7 +53,7 @@ class DepthFieldSettings(Bounded):
     deep: Annotated[int, Field(ge=2)] = 4
     rate: Positive = 4e-3
     final_rate: Positive = 4e-4
-    exchange: Positive | None = 4.0
+    exchange: Positive | None = 1.5e-2
 
 
 @dataclass(frozen=True)
@@ -146,13 +146,13 @@ class DepthField:
         gradient = found.cpu().numpy()
         if not np.isfinite(gradient).all():
             return None
-        rate, times = self._rate(progress), self._settings.exchange
-        step = FieldStep(pose, low, between, -rate * self._direction(gradient))
-        if times is None or by_twists is None:
+        longest = self._settings.exchange
+        step = FieldStep(pose, low, between, -self._rate(progress) * self._direction(gradient))
+        if longest is None or by_twists is None:
             return step
         knots = tuple(at + apart * np.arange(n) for at, apart, n in zip(low, between, found.shape, strict=True))
         travel = (world_to_camera.detach().double().numpy() @ np.linalg.inv(pose))[:, :3, 3]
-        exchanged = self._relief.step(gradient, by_twists, knots, travel, times * rate)
+        exchanged = self._relief.step(gradient, by_twists, knots, travel, longest * 0.2**progress)
         return step if exchanged is None else replace(step, values=step.values + exchanged[0], twists=exchanged[1])
 
     def _rate(self, progress: float) -> float:

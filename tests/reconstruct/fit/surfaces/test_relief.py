@@ -104,7 +104,7 @@ def test_its_first_step_is_as_long_as_its_rate_against_the_objectives_derivative
     knots = tuple(at + apart * np.arange(count) for at, apart, count in zip(low, between, added.shape, strict=True))
     values, by_twists = direction(knots, travel_of(path))
     beta = float((added * values).sum() / (values**2).sum())
-    assert abs(beta) == pytest.approx(SETTINGS[True].exchange * SETTINGS[True].rate)
+    assert abs(beta) == pytest.approx(SETTINGS[True].exchange)
     np.testing.assert_allclose(added, beta * values, atol=1e-12)
     np.testing.assert_allclose(steps[True].twists, beta * by_twists, atol=1e-12)
     told = []
