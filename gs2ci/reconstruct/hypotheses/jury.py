@@ -20,10 +20,10 @@ from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, Origin
 from gs2ci.reconstruct.hypotheses.moving import (
     BEHIND_DECODE,
     BEHIND_PATCHES,
-    LEAST_GAIN,
     LEAST_UNFOLLOWED,
     MotionQuestion,
     ask,
+    clearly_less,
     rested,
     speaks_for_motion,
 )
@@ -155,11 +155,6 @@ class Jury:
         return self._fits.holdout.residual_rms(
             self._fits.refine(views) if decoded is None else self.shown(views, decoded)
         )
-
-
-def clearly_less(one: float | None, other: float | None) -> bool:
-    """Tell whether a held-out residual is so much smaller than another that this is not chance."""
-    return one is not None and other is not None and one < (1 - LEAST_GAIN) * other
 
 
 def or_infinite(rms: float | None) -> float:

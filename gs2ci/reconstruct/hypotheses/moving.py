@@ -55,7 +55,7 @@ _LEAST_SURELY: Final = 0.08
 # does not move, 0.0041 to 0.0135 if a thing crosses it (`tests/reconstruct/hypotheses/test_moving.py`).
 _LEAST_EXPLAINED_AT_REST: Final = 0.004
 # The share by which a moving scene has to reduce the residual at the held-out pixels.
-LEAST_GAIN: Final = 0.02
+_LEAST_GAIN: Final = 0.02
 # The share by which a few steps of a decode by similar patches have to reduce it before moving scenes are tried. They
 # reduced it by up to 4.7 % on ten still measurements, since detail repeats in many places; by 8.3 % and more on three
 # crops of video.
@@ -149,12 +149,14 @@ class MotionReport:
 
     @property
     def polishing(self) -> tuple[PatchSettings, ...]:
-        """Get the dense schedules by which the patch decode may continue from the refined views.
+        """Get the dense schedules by which the patch decode may continue from refined views, unless things surely rest.
 
         The first changes nearly right ones little; the second is for those that err by a few hundredths of full scale.
         """
         little, much = (PatchSettings(iterations=n, first_sigma=sigma / 255) for n, sigma in ((8, 10), (32, 25)))
-        return (little, much) if self.tried else ()
+        left = dict(self.heldout_rms)
+        rests = not self.moves and clearly_less(left.get(STILL), left.get(MOVING))
+        return (little, much) if self.tried and not rests else ()
 
     def summary(self, speeds: "Speeds | None") -> MotionSection:
         """Return the figures for the report."""
@@ -237,6 +239,11 @@ def rested(first: FirstLook) -> FirstLook:
 def ask(holdout: Holdout, views: F32) -> LeftByMotion:
     """Test whether motion explains the residual that still views, [N, H, W, C], leave of the measurement."""
     return left_by_motion(holdout, views, mask_times(len(views)).double().numpy())
+
+
+def clearly_less(one: float | None, other: float | None) -> bool:
+    """Tell whether a held-out residual is so much smaller than another that this is not chance."""
+    return one is not None and other is not None and one < (1 - _LEAST_GAIN) * other
 
 
 def speaks_for_motion(left: LeftByMotion, *, known_at_rest: bool = False) -> bool:

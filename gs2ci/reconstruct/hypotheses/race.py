@@ -36,7 +36,7 @@ from gs2ci.reconstruct.hypotheses.hypothesis import (
     RaceEvidence,
     RaceOutcome,
 )
-from gs2ci.reconstruct.hypotheses.jury import Jury, clearly_less, got_worse, or_infinite
+from gs2ci.reconstruct.hypotheses.jury import Jury, got_worse, or_infinite
 from gs2ci.reconstruct.hypotheses.matches import look_far_apart
 from gs2ci.reconstruct.hypotheses.moving import (
     MOVING,
@@ -44,6 +44,7 @@ from gs2ci.reconstruct.hypotheses.moving import (
     MotionQuestion,
     MotionReport,
     ask,
+    clearly_less,
     rested,
     speaks_for_motion,
 )

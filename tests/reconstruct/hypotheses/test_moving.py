@@ -373,22 +373,20 @@ def test_motion_of_a_pixel_or_around_an_object_is_not_said_to_be_things_that_mov
 
 
 @pytest.mark.parametrize(
-    ("gain", "tried", "schedules"),
+    ("left", "moves", "polished"),
     [
-        (None, False, ()),
-        (0.01, False, ()),
-        (0.05, False, ()),
-        (0.08, False, ()),
-        (
-            0.1,
-            True,
-            (PatchSettings(iterations=8, first_sigma=10 / 255), PatchSettings(iterations=32, first_sigma=25 / 255)),
-        ),
+        ((), False, False),
+        ((("still", 0.1),), False, True),
+        ((("still", 0.1), ("moving from the first", 0.101)), False, True),
+        ((("still", 0.1), ("moving from the first", 0.11)), False, False),
+        ((("still", 0.1), ("moving from the first", 0.09)), True, True),
+        ((("still", 0.1), ("moving from the first", 0.11)), True, True),
     ],
 )
-def test_views_are_polished_densely_where_moving_fits_were_made(gain, tried, schedules):
-    report = MotionReport("auto", MotionQuestion(None, gain), (("still", 0.1),) if tried else (), "still")
-    assert report.polishing == schedules
+def test_views_are_polished_densely_where_things_may_move_after_all(left, moves, polished):
+    report = MotionReport("auto", MotionQuestion(), left, "still", moves=moves)
+    schedules = PatchSettings(iterations=8, first_sigma=10 / 255), PatchSettings(iterations=32, first_sigma=25 / 255)
+    assert report.polishing == (schedules if polished else ())
 
 
 def test_last_steps_over_all_pixels_keep_what_was_decoded_without_some():
