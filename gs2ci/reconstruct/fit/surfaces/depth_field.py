@@ -44,7 +44,7 @@ class DepthFieldSettings(Bounded):
         rate: Step size at the start of the schedule, in units of inverse depth, whose median is about 1.
         final_rate: Step size at its end; exponential in between.
         exchange: Step size at the start by which turning of the cameras is exchanged for travel, along a path that
-            nobody gave (`relief`), a twenty-fifth of it at the end; None: none is.
+            nobody gave (`relief`), a fifth of it at the end; None: none is.
     """
 
     every: PositiveInt = 2
@@ -152,7 +152,7 @@ class DepthField:
             return step
         knots = tuple(at + apart * np.arange(n) for at, apart, n in zip(low, between, found.shape, strict=True))
         travel = (world_to_camera.detach().double().numpy() @ np.linalg.inv(pose))[:, :3, 3]
-        exchanged = self._relief.step(gradient, by_twists, knots, travel, longest * 0.04**progress)
+        exchanged = self._relief.step(gradient, by_twists, knots, travel, longest * 0.2**progress)
         return step if exchanged is None else replace(step, values=step.values + exchanged[0], twists=exchanged[1])
 
     def _rate(self, progress: float) -> float:
