@@ -114,6 +114,8 @@ def fuse(
 def without_crumbs(vertices: Any, faces: Any, least_share: float) -> tuple[Any, Any]:
     """Leave out pieces of a mesh whose area is less than a share of the largest piece's.
 
+    The faces of a piece share edges.
+
     Args:
         vertices: [V, 3].
         faces: Indices of vertices, [F, 3].
@@ -122,13 +124,17 @@ def without_crumbs(vertices: Any, faces: Any, least_share: float) -> tuple[Any, 
     Returns:
         The vertices and faces that stay.
     """
-    count = len(vertices)
-    edges = coo_matrix((np.ones(2 * len(faces), bool), (faces[:, :2].ravel(), faces[:, 1:].ravel())), (count, count))
-    _, piece = connected_components(edges, directed=False)
+    count = len(faces)
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    # A graph of faces and their edges: pieces that meet in a corner alone are two.
+    nodes = count + len(edges)
+    graph = coo_matrix((np.ones(len(edges), bool), (np.repeat(np.arange(count), 3), count + edge)), (nodes, nodes))
+    piece = connected_components(graph, directed=False)[1][:count]
     corners = vertices[faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    whole = np.bincount(piece[faces[:, 0]], areas, count)
-    kept = faces[(whole >= least_share * whole.max())[piece[faces[:, 0]]]]
+    whole = np.bincount(piece, areas)
+    kept = faces[(whole >= least_share * whole.max(initial=0))[piece]]
     used, renamed = np.unique(kept, return_inverse=True)
     return vertices[used], renamed.reshape(kept.shape)
 

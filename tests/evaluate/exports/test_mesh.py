@@ -110,6 +110,14 @@ def test_nothing_far_outside_the_frame_is_seen_through_a_lens_whose_polynomial_f
         np.testing.assert_allclose(local[ahead, 2], 4, atol=0.15)
 
 
+def test_a_crumb_that_touches_a_piece_in_one_corner_is_left_out():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [-0.01, 0, 0], [0, -0.01, 0]])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [0, 4, 5]])
+    kept_vertices, kept = without_crumbs(vertices, faces, 0.01)
+    assert kept.tolist() == faces[:2].tolist()
+    np.testing.assert_array_equal(kept_vertices, vertices[:4])
+
+
 def test_pieces_that_hang_together_with_nothing_are_left_out():
     """Of the demonstration's 266 pieces 192 had fewer than ten faces."""
     large = trimesh.creation.icosphere(3, radius=1.0)
