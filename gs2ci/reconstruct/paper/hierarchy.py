@@ -18,7 +18,7 @@ from typing import Final, Literal
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import camera_centres, pinhole
+from gs2ci.core.cameras import camera_centres, pinhole, relative_to
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
@@ -253,7 +253,7 @@ def _dense(request: Request, prediction: Prediction, camera: Focal, tracks: Trac
         GeometryError: The tracks are too far from the predicted positions, or the camera does not move.
     """
     reference = len(request.views) // 2
-    poses = prediction.world_to_camera @ np.linalg.inv(prediction.world_to_camera[reference])
+    poses = relative_to(prediction.world_to_camera, reference)
     depth = prediction.depth[reference].astype(np.float64)
     unit = 1 / float(np.median(depth[depth > 0]))
     poses[:, :3, 3] *= unit

@@ -88,7 +88,7 @@ def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) ->
     _, at = cKDTree(seen.rays.reshape(-1, 2)).query(np.nan_to_num(starts))
     depth = seen.depth[reference].reshape(-1)[at].astype(np.float64)
     points = torch.from_numpy(np.stack([*(starts.T * depth), np.where(depth > 0, depth, np.nan)])).unbind()
-    motions = seen.world_to_camera @ np.linalg.inv(seen.world_to_camera[reference])
+    motions = relative_to(seen.world_to_camera, reference)
     found = torch.stack([torch.stack([*one, *two]) for one, two in (_moving(motion, points) for motion in motions)])
     places, steps = np.split(found.movedim(-1, 0).numpy(), 2, axis=2)
     told = np.isfinite(followed - places)

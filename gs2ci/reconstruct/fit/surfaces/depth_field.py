@@ -20,6 +20,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
+from gs2ci.core.cameras import relative_to
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.kernels.calling import call
 from gs2ci.reconstruct.fit.kernels.depth_field_kernels import gather_gradient, move_gaussians, move_map
@@ -135,7 +136,8 @@ class DepthField:
         """
         if iteration % self._settings.every or scene.means.grad is None or scene.log_scales.grad is None:
             return None
-        pose = world_to_camera[self._reference].detach().double().numpy()
+        poses = world_to_camera.detach().double().numpy()
+        pose = poses[self._reference]
         low, between = self._grid = self._grid or self._over(scene, pose)
         found = scene.means.new_empty(self._mean.shape, dtype=torch.float64)
         call(
@@ -151,7 +153,7 @@ class DepthField:
         if longest is None or by_twists is None:
             return step
         knots = tuple(at + apart * np.arange(n) for at, apart, n in zip(low, between, found.shape, strict=True))
-        travel = (world_to_camera.detach().double().numpy() @ np.linalg.inv(pose))[:, :3, 3]
+        travel = relative_to(poses, self._reference)[:, :3, 3]
         exchanged = self._relief.step(gradient, by_twists, knots, travel, longest * 0.2**progress)
         return step if exchanged is None else replace(step, values=step.values + exchanged[0], twists=exchanged[1])
 
