@@ -11,7 +11,7 @@ from tests.benchmarks.gpu_kernels import ARCHITECTURES, compiled
 from tests.nightly import but
 
 KERNELS = {"project", "project_backward", "sum_poses", "emit", "find_ranges", "blend", "blend_backward", "gather"}
-KERNELS |= {"depth_fields", "stop_light"}
+KERNELS |= {"stop_light"}
 
 
 @pytest.mark.slow
