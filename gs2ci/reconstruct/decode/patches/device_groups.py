@@ -43,8 +43,8 @@ def denoise_groups_on_device(
     inside = torch.from_numpy(of_patch).to(device)
     noise, threshold = members * colours * sigma**2, (members * colours) ** 0.5 * sigma**2
     sums = torch.zeros(planes.size, dtype=torch.int64, device=device)
-    for some in torch.from_numpy(first).to(device).split(_AT_ONCE):
-        places = some[..., None] + inside
+    for start in range(0, len(first), _AT_ONCE):
+        places = torch.from_numpy(first[start : start + _AT_ONCE]).to(device)[..., None] + inside
         patches = given.view(-1)[places]
         mean = patches.mean(dim=1, keepdim=True)
         centred = patches - mean
