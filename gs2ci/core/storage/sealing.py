@@ -41,7 +41,8 @@ def check_target(path: Path, *, replace: bool, remedy: str = "choose another nam
         remedy: What the user can do if one exists.
 
     Raises:
-        StorageError: The folder is missing, the name is taken or a folder's, or an unfinished capture of that name lies there.
+        StorageError: The folder is missing, the name is taken or a folder's, or an unfinished capture of that name
+            lies there.
     """
     if not path.parent.is_dir():
         raise StorageError(f"{path}: the folder {path.parent} does not exist", remedy="create it first")
