@@ -109,7 +109,6 @@ class Geometry:
             contradict them.
         order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
         view_depths: Depths of the reference view and of others, if the path turns far; otherwise none.
-        joined: How many views matched features joined to one scene, if not all of them.
         followed: Where each view shows the tracked points that the motion explains, as slopes, [P, N, 2], NaN where one
             is not seen; None if it does not come from tracks.
     """
@@ -132,7 +131,6 @@ class Geometry:
     pose_errors: PoseErrors | None = None
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
-    joined: int = 0
     followed: F64 | None = None
 
     @property
