@@ -21,6 +21,7 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate, relit
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -148,6 +149,34 @@ def look(
     found = FirstLook(holdout, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
     said(found.notes, progress)
     return found
+
+
+def look_closer(
+    holdout: Holdout,
+    lens: Lens | None,
+    prior: GeometryPrior,
+    settings: Settings,
+    progress: Progress,
+    lap: Callable[[str], None],
+    masks_of: Shot | None = None,
+) -> FirstLook:
+    """Look, and look again in views decoded by similar patches if those of GAP-TV show only a rotation.
+
+    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first.
+    """
+    first = look(holdout, lens, prior, settings, progress, lap, masks_of)
+    if not _may_look_closer(first, settings):
+        return first
+    progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
+    closer = look(holdout, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
+    return closer if closer.geometry.has_path else first
+
+
+def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
+    """Tell whether another decode may show a path: tracks in GAP-TV's views, which hide points, showed a rotation."""
+    geometry = first.geometry
+    by_tracks = geometry.source == PathSource.TRACKS and settings.proxy == "gap-tv"
+    return by_tracks and Decoder(settings.first_look) == Decoder.GAP_TV and geometry.verdict == Verdict.ROTATION_ONLY
 
 
 def _ratio(weights: F32, before: F32) -> F64:

@@ -15,7 +15,7 @@ from gs2ci.core.findings import Finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.first_look import FirstLook, look
+from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.extensions import LastStage
@@ -129,7 +129,9 @@ def observe(
     sound, doubts = _examined(registered.shot, progress)
     holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)
 
-    first = look(holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot)
+    first = (look_closer if settings.may_look_again else look)(
+        holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
+    )
     fits = _fits(first, lens, settings, progress, clock, score, halt)
     first, order = fits.order_of(first)
     fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))

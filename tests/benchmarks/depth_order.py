@@ -21,7 +21,7 @@ from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.first_look import look
+from gs2ci.reconstruct.first_look import look_closer
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -113,7 +113,7 @@ def _settled(trial: Trial) -> Geometry:
     settings, silent = Settings(), Silent()
     holdout = Holdout.of(trial.shot.check(), settings.fit.hold_out.share, settings.seed)
     prior = load_geometry_prior(settings.poses)
-    first = look(holdout, None, prior, settings, silent, lambda _: None, trial.shot)
+    first = look_closer(holdout, None, prior, settings, silent, lambda _: None, trial.shot)
     fitted = Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels)
     refine = Refinement(first.holdout, settings.residual)
     fits = Fits(first.holdout, fitted, None, settings, refine, silent, Stopwatch())

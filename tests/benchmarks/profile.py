@@ -55,7 +55,7 @@ IMPORTED = ("gs2ci.cli", "gs2ci.reconstruct.pipeline", "gs2ci.evaluate.run_folde
 PARTS: tuple[tuple[str, Any, str], ...] = (
     ("registration", observe, "register"),
     ("first look: decode, path, depth", observe, "look"),
-    ("first look: decode, path, depth", observe, "look"),
+    ("first look: decode, path, depth", observe, "look_closer"),
     ("order of depth", fitting.Fits, "order_of"),
     ("first Gaussians", fitting.Fits, "beginning"),
     ("mean of the fits", fitting, "combined"),

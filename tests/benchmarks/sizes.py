@@ -56,7 +56,7 @@ EVERY_S = 0.02
 STAGES = (
     ("registration", observe, "register"),
     ("first look: decode, path, depth", observe, "look"),
-    ("first look: decode, path, depth", observe, "look"),
+    ("first look: decode, path, depth", observe, "look_closer"),
     ("order of depth", fitting.Fits, "order_of"),
     ("first Gaussians", fitting.Fits, "beginning"),
     ("fits", fitting, "advance_together"),

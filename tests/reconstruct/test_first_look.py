@@ -7,9 +7,10 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct import first_look
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.first_look import look
+from gs2ci.reconstruct.first_look import look, look_closer
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -130,6 +131,36 @@ def make_random_masks():
     truth = shot.truth.views
     weights = np.ones(8, np.float32)
     return replace(shot, masks=masks, weights=weights, measurement=(masks[..., None] * truth).sum(axis=0)).check()
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "looks"),
+    [(("full",), 1), (("static",), 1), (("rotation_only", "full"), 2), (("rotation_only", "static"), 2)],
+)
+def test_where_only_a_turn_is_seen_similar_patches_are_asked_once(shot, monkeypatch, verdicts, looks):
+    holdout, said, asked = with_holdout(shot), iter(verdicts), []
+    whole, _ = look_at(holdout, brightness=BrightnessSettings(rounds=0))
+
+    def looked(holdout, lens, prior, settings, progress, lap, masks_of):
+        asked.append(settings.first_look)
+        geometry = replace(whole.geometry, verdict=next(said))
+        return replace(whole, geometry=geometry, decoder=settings.first_look)
+
+    monkeypatch.setattr(first_look, "look", looked)
+    listener = Silent()
+    found = look_closer(holdout, None, load_geometry_prior("tracks"), Settings(), listener, [].append)
+    assert asked == ["gap-tv", "patches-quick"][:looks]
+    assert found.decoder == ("patches-quick" if verdicts == ("rotation_only", "full") else "gap-tv")
+    assert any("similar patches" in sentence for sentence in listener.sentences) == (looks == 2)
+
+
+def test_no_closer_look_is_taken_where_patches_or_proxies_were_asked_for(shot, monkeypatch):
+    holdout = with_holdout(shot)
+    whole, _ = look_at(holdout, brightness=BrightnessSettings(rounds=0))
+    rest = replace(whole, geometry=replace(whole.geometry, verdict="rotation_only"))
+    monkeypatch.setattr(first_look, "look", lambda *given: rest)
+    for settings in (Settings(first_look="patches"), Settings(proxy="eni")):
+        assert look_closer(holdout, None, load_geometry_prior("tracks"), settings, Silent(), [].append) is rest
 
 
 def test_the_first_look_may_decode_by_patches(shot):

@@ -122,6 +122,7 @@ def test_readings_that_registration_averaged_judge_no_views(shot, monkeypatch):
 
     monkeypatch.setattr(observe, "register", lambda given, *_: Registered(given, averaged=averaged))
     monkeypatch.setattr(observe, "look", stopped)
+    monkeypatch.setattr(observe, "look_closer", stopped)
     with pytest.raises(InterruptedError):
         reconstruct(shot, replace(SHORT, fit=replace(SHORT.fit, hold_out=HoldOut(share=0.2))))
     assert judging[0].any()
