@@ -36,7 +36,7 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, SweptViews
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import as_image, pull_back
 from gs2ci.render.conventions import NEAR
@@ -264,13 +264,12 @@ def find_surfaces(
         return None
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen, beside = _spread(count, settings.views), _spread(count, settings.others + 1)
-    straight = {view: _straightened(views[view], lens) for view in {*chosen, *beside}}
-    maps = []
+    used = sorted({*chosen, *beside})
+    swept, maps = SweptViews(np.stack([_straightened(views[view], lens) for view in used]), settings.sweep), []
     for view in chosen:
         order = [view, *[i for i in beside if i != view][: settings.others]]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        compared = np.stack([straight[i] for i in order])
-        maps.append(sweep(compared, from_view, intrinsics, 0, span, settings.sweep))
+        maps.append(swept.depth([used.index(i) for i in order], from_view, intrinsics, span))
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))

@@ -11,6 +11,8 @@ from gs2ci.reconstruct.geometry.depth.eight import FEATURES
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
 from gs2ci.reconstruct.geometry.depth.sweep import (
     SweepSettings,
+    SweptViews,
+    first_of,
     inverse_depth_range,
     sweep,
 )
@@ -222,6 +224,16 @@ def test_two_views_are_enough():
     views = thing_before_a_wall(5)[[REFERENCE, REFERENCE + 1]]
     found = sweep(views, poses(5)[[REFERENCE, REFERENCE + 1]], INTRINSICS, 0, SPAN, SETTINGS)
     assert np.isfinite(found).all()
+
+
+def test_views_described_once_are_swept_as_some_of_them_alone():
+    views, path, order = thing_before_a_wall(5), poses(5), [1, 4, 2]
+    described = SweptViews(views, SETTINGS)
+    from_view = path[order] @ np.linalg.inv(path[order[0]])
+    alone = sweep(views[order], from_view, INTRINSICS, 0, SPAN, SETTINGS)
+    np.testing.assert_array_equal(described.depth(order, from_view, INTRINSICS, SPAN), alone)
+    whole = described.depth(first_of(5, REFERENCE), path[first_of(5, REFERENCE)], INTRINSICS, SPAN)
+    np.testing.assert_array_equal(whole, sweep(views, path, INTRINSICS, REFERENCE, SPAN, SETTINGS))
 
 
 def test_a_dark_scene_has_the_depth_of_a_bright_one():
