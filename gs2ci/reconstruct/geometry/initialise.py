@@ -410,13 +410,13 @@ class _Estimation:
         settings = self.settings.sweep
         span = inverse_depth_range(motion.inverse_depth, settings)
         poses, intrinsics = geometry.world_to_camera, geometry.intrinsics
-        poses = poses[first_of(len(poses), self.reference)]
-        return self.swept.depth(range(len(poses)), poses, intrinsics, span)
+        order = first_of(len(poses), self.reference)
+        return self.swept.depth(order, poses[order], intrinsics, span)
 
     @cached_property
     def swept(self) -> SweptViews:
-        """Get the views as sweeps compare them, the reference view first."""
-        return SweptViews(self.views[first_of(len(self.views), self.reference)], self.settings.sweep)
+        """Get the views as sweeps compare them."""
+        return SweptViews(self.views, self.settings.sweep)
 
     def judged(self, candidates: int, motion: CameraMotion, tracks: Tracks, *, moved: bool) -> _Found:
         """Return a geometry with the motion, with its rotations alone, or only with the reason why neither is used.

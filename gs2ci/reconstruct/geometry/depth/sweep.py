@@ -82,7 +82,7 @@ def sweep(
         Inverse depth, [H, W] float32, within `span`.
     """
     order = first_of(len(views), reference)
-    return SweptViews(views[order], settings).depth(range(len(order)), world_to_camera[order], intrinsics, span)
+    return SweptViews(views, settings).depth(order, world_to_camera[order], intrinsics, span)
 
 
 def first_of(count: int, reference: int) -> list[int]:
@@ -117,28 +117,30 @@ class SweptViews:
             As `sweep`.
         """
         settings, (height, width) = self._settings, self._size
-        # Those of all views are large.
-        features = self._features if order == range(len(self._features)) else self._features[list(order)]
-        scale = np.array([features.shape[2] / width, features.shape[1] / height, 1.0])
+        down, across = self._features.shape[1:3]
+        scale = np.array([across / width, down / height, 1.0])
         inverse_depths = np.linspace(*span, settings.planes)
         homographies = plane_homographies(world_to_camera[1:], scale[:, None] * intrinsics, inverse_depths)
         # A place is assumed to be seen in two thirds of the other views.
         others = len(order) - 1
         best = max(min(_LEAST_VIEWS_KEPT, others), others * 2 // 3)
-        index = _best_planes(features, homographies, best, settings.window_px)
+        index = _best_planes(self._features, order, homographies, best, settings.window_px)
         step = (span[1] - span[0]) / (settings.planes - 1)
         inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
-        if features.shape[1:3] != self._size:
+        if (down, across) != self._size:
             inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
         return inverse_depth
 
 
-def _best_planes(features: Tensor, homographies: F64, best: int, window: int) -> F32:
-    """Compare the views, [N, H, W, 8], on planes, [D, N - 1, 3, 3]; return the best plane with its fraction, [H, W]."""
+def _best_planes(features: Tensor, order: Sequence[int], homographies: F64, best: int, window: int) -> F32:
+    """Compare some of the views, [N, H, W, 8], with the first of them on planes, [D, M - 1, 3, 3].
+
+    Returns:
+        The best plane with its fraction, [H, W].
+    """
     if on_device(features):
-        return best_planes_on_device(features, homographies, best, window)
-    here = features.numpy()
-    cost = matching_cost(here[0], here[1:], homographies, best, window)
+        return best_planes_on_device(features[list(order)], homographies, best, window)
+    cost = matching_cost(features.numpy(), order, homographies, best, window)
     return best_plane(torch.from_numpy(smoothed(cost))).numpy()
 
 
