@@ -54,7 +54,9 @@ def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int)
     There may be no pixels: a wholly saturated measurement has none that counts.
     """
     down, across = row // side_px, column // side_px
-    return np.unique(down * (across.max(initial=0) + 1) + across, return_inverse=True)[1]
+    number = down * (across.max(initial=0) + 1) + across
+    # Sorting all pixels would take ten times as long.
+    return (np.cumsum(np.bincount(number) > 0) - 1)[number]
 
 
 def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:
