@@ -15,7 +15,7 @@ from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import Inputs, camera_fields, differentiate_cells, render_cells
-from gs2ci.render.cpu.stopping import depth_fields, stop_light
+from gs2ci.render.cpu.stopping import stop_light
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size, own_masks, own_reuse
@@ -23,7 +23,7 @@ from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import CanvasSampling, check_sampling, on_canvas
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
-from gs2ci.render.stopping import StoppedLight
+from gs2ci.render.stopping import StoppedLight, depth_fields
 
 _FULL_LAYOUTS_KEPT: Final = 4
 
@@ -223,11 +223,14 @@ class CpuBackend:
             return found
         layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
         camera = _camera(on_canvas(intrinsics, sampling), layout)
-        inputs = _inputs(scene, _means(scene, times), world_to_camera, camera)
+        means = _means(scene, times)
         lease = self._pool.lease()
         assert lease.workspace is not None
+        inputs = _inputs(scene, means, world_to_camera, camera)
         rendered = render_cells(inputs, layout, self._settings.termination_transmittance, lease.workspace)
-        maps = stop_light(rendered.records, rendered.lists, layout, depth_fields(inputs))
+        places = (means, scene.log_scales, scene.quaternions, world_to_camera, on_canvas(intrinsics, sampling))
+        told = depth_fields(*places, (layout.height, layout.width)).numpy()
+        maps = stop_light(rendered.records, rendered.lists, layout, told)
         lease.release()
         return StoppedLight(*torch.from_numpy(maps))
 
