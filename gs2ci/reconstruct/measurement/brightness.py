@@ -269,7 +269,7 @@ class LinearSystem:
         inverse = self.told @ np.linalg.inv(self.told.T @ normal @ self.told) @ self.told.T
         found = 1 + inverse @ (parts @ self.readings.ravel() - normal.sum(axis=1))
         left = self.readings - np.tensordot(found, self.parts, axes=1)
-        by_pixel = np.stack([(part * left).sum(axis=-1) for part in self.parts])
+        by_pixel = np.einsum("lpc,pc->lp", self.parts, left)
         spread = inverse @ scores_over_blocks(by_pixel, self.block) @ inverse
         share = self.light / self.light.sum()
         mean = float(found @ share)
