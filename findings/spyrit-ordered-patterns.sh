@@ -7,8 +7,8 @@ set -euo pipefail
 folder=$(mktemp -d); trap 'rm -rf "$folder"' EXIT; cd "$folder"
 python3 -m venv v
 v/bin/pip install --quiet --disable-pip-version-check --no-deps spyrit==3.1.1
-v/bin/pip install --quiet --disable-pip-version-check torch==2.14.1 torchvision==0.29.1 ptwt==1.0.1 scipy==1.17.1 matplotlib==3.11.2 tqdm==4.70.1 \
-  imageio==2.38.1 requests==2.34.2 girder-client==3.2.15 pandas==3.1.1 scikit-image==0.26.0 numpy==2.4.6
+v/bin/pip install --quiet --disable-pip-version-check torch==2.14.1 torchvision==0.29.1 ptwt==1.0.1 scipy==1.17.1 matplotlib==3.11.2
+v/bin/pip install --quiet --disable-pip-version-check tqdm==4.70.1 imageio==2.38.1 requests==2.34.2 girder-client==3.2.15 pandas==3.1.1 scikit-image==0.26.0 numpy==2.4.6
 v/bin/python -W ignore - <<'PY'
 from importlib.metadata import version
 
