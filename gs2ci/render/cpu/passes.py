@@ -143,7 +143,7 @@ def render_cells(
         candidates.view_start,
         candidates.gaussians,
         np.float32(termination),
-        np.float32(max(least_weight, float(np.finfo(np.float32).tiny))),
+        np.float32(max(least_weight, np.finfo(np.float32).tiny)),
         kept,
         touching,
         cells,
