@@ -23,8 +23,6 @@ class RasterSettings(Bounded):
     Args:
         termination_transmittance: Blending of a group of pixels may stop once all let less light through than this: a
             pixel changes by at most this share of the colour behind it. 0 blends to the end.
-        least_weight: Gaussians that weigh less in all pixels of a group are blended there, but left out of a fit's
-            gradient on the CPU.
         relist_every: The lists of Gaussians that may touch each pixel, in depth order, are made once in so many
             renderings of one population and reused by those between. 1 reuses nothing.
         list_margin_px: If lists are reused, they are made with footprints widened by this on all sides. A wider margin
@@ -32,6 +30,5 @@ class RasterSettings(Bounded):
     """
 
     termination_transmittance: Annotated[float, Field(ge=0, lt=1)] = TERMINATION_TRANSMITTANCE
-    least_weight: Annotated[float, Field(ge=0, lt=1)] = 0.0
     relist_every: PositiveInt = 1
     list_margin_px: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_PX)] = 1.0

@@ -77,17 +77,6 @@ def test_a_rendering_is_differentiated_once(make, weights):
         pull(weights.numpy())
 
 
-def test_what_weighs_little_is_blended_and_left_out_of_the_gradient(make, weights):
-    case = make(count=40)
-    case.scene.opacity_logits[:20] = -5.0  # of opacity 0.0067
-    image, whole = by_call(CpuBackend(), case, weights)
-    same, most = by_call(CpuBackend(RasterSettings(least_weight=0.01)), case, weights)
-    assert torch.equal(same, image)
-    assert whole["colours"][:20].any()
-    assert not most["colours"][:20].any()
-    assert most["colours"][20:].any()
-
-
 def test_gradients_are_pulled_back_to_the_bit_as_torch_does():
     draw = torch.Generator().manual_seed(0)
     start, *gradients = (torch.randn(200, 3, generator=draw) for _ in range(3))

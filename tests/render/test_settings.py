@@ -15,10 +15,9 @@ def test_defaults_reuse_nothing_and_stop_at_a_ten_thousandth():
 
 
 @pytest.mark.parametrize("termination", [-1e-9, 1.0, float("nan"), float("inf")])
-def test_a_share_of_light_that_is_none_is_refused(termination):
-    for name in ("termination_transmittance", "least_weight"):
-        with pytest.raises(InputError, match=rf"{name} = .* in RasterSettings"):
-            RasterSettings(**{name: termination}).check()
+def test_a_termination_that_is_no_share_of_light_is_refused(termination):
+    with pytest.raises(InputError, match=r"termination_transmittance = .* in RasterSettings"):
+        RasterSettings(termination_transmittance=termination).check()
 
 
 @pytest.mark.parametrize(

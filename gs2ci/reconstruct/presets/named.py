@@ -15,7 +15,6 @@ from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 _DRAFT_ITERATIONS: Final = 120
-_DRAFT_LEAST_WEIGHT: Final = 0.01
 
 
 def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
@@ -47,8 +46,6 @@ def _draft() -> Settings:
         # A look decodes the residual, which takes as long as an iteration and a half.
         fit=replace(fit, hold_out=fit.hold_out.looking(_DRAFT_ITERATIONS // 4)),
         fits=1,
-        # Half of what is blended weighs less, and the gradient of blending takes most of the time of large pictures.
-        raster=replace(base.raster, least_weight=_DRAFT_LEAST_WEIGHT),
     )
 
 

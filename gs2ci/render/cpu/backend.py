@@ -117,11 +117,7 @@ class CpuBackend:
         inputs = _inputs(scene, scene.means, world_to_camera, camera)
         lease = self._pool.lease()
         assert lease.workspace is not None
-        leaves_out = self._settings
-        rendered = render_cells(
-            *(inputs, target.layout, leaves_out.termination_transmittance, lease.workspace, kept),
-            leaves_out.least_weight,
-        )
+        rendered = render_cells(inputs, target.layout, self._settings.termination_transmittance, lease.workspace, kept)
         image = target.collect(rendered.cells)[0].numpy()
 
         def pull(gradient: F32) -> F32:

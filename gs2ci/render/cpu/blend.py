@@ -123,7 +123,7 @@ def _offsets_4(base, lists, position):
 
 @helper()
 def _behind(alpha, transmittance, pixel, records, offset):
-    """Blend one Gaussian into 16 pixels; return the light behind it, the pixels, and its weights."""
+    """Blend one Gaussian into 16 pixels; return the light behind it, and the pixels."""
     weight = alpha * transmittance
     red, green, blue = pixel
     blended = (
@@ -131,7 +131,7 @@ def _behind(alpha, transmittance, pixel, records, offset):
         green + weight * get(records, offset + GREEN),
         blue + weight * get(records, offset + BLUE),
     )
-    return transmittance - weight, blended, weight
+    return transmittance - weight, blended
 
 
 @helper()
@@ -140,8 +140,8 @@ def _prefetch_record(records, base, lists, position):
 
 
 @helper()
-def _blend_cell(records, base, candidates, begin, count, x, y, termination, least, cell, lists, out):
-    """Blend one cell; list the candidates that weigh at least so much in a pixel. Returns how many those are."""
+def _blend_cell(records, base, candidates, begin, count, x, y, termination, cell, lists, out):
+    """Blend one cell; list the candidates that touched a pixel. Returns how many those are."""
     transmittance = broadcast(_ONE)
     pixel = (broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO))
     for i in range(min(count, _AHEAD)):
@@ -154,21 +154,21 @@ def _blend_cell(records, base, candidates, begin, count, x, y, termination, leas
         offsets = _offsets_4(base, candidates, begin + i)
         logs = _log2_alpha_4(records, offsets, x, y)
         alphas = _alpha_4(logs)
-        transmittance, pixel, w0 = _behind(alphas[0], transmittance, pixel, records, offsets[0])
-        transmittance, pixel, w1 = _behind(alphas[1], transmittance, pixel, records, offsets[1])
-        transmittance, pixel, w2 = _behind(alphas[2], transmittance, pixel, records, offsets[2])
-        transmittance, pixel, w3 = _behind(alphas[3], transmittance, pixel, records, offsets[3])
-        # Written always, counted only if it weighs enough: a compaction without a branch.
+        transmittance, pixel = _behind(alphas[0], transmittance, pixel, records, offsets[0])
+        transmittance, pixel = _behind(alphas[1], transmittance, pixel, records, offsets[1])
+        transmittance, pixel = _behind(alphas[2], transmittance, pixel, records, offsets[2])
+        transmittance, pixel = _behind(alphas[3], transmittance, pixel, records, offsets[3])
+        # Written always, counted only if a pixel was touched: a compaction without a branch.
         g0, g1 = get(candidates, begin + i), get(candidates, begin + i + 1)
         g2, g3 = get(candidates, begin + i + 2), get(candidates, begin + i + 3)
         put(lists, begin + kept, g0)
-        kept += any_ge(w0, least)
+        kept += any_ge(logs[0], _LOG2_ALPHA_MIN)
         put(lists, begin + kept, g1)
-        kept += any_ge(w1, least)
+        kept += any_ge(logs[1], _LOG2_ALPHA_MIN)
         put(lists, begin + kept, g2)
-        kept += any_ge(w2, least)
+        kept += any_ge(logs[2], _LOG2_ALPHA_MIN)
         put(lists, begin + kept, g3)
-        kept += any_ge(w3, least)
+        kept += any_ge(logs[3], _LOG2_ALPHA_MIN)
         i += 4
         if i % _TERMINATION_STRIDE == 0 and not any_ge(transmittance, termination):
             count = i
@@ -177,9 +177,9 @@ def _blend_cell(records, base, candidates, begin, count, x, y, termination, leas
         offset = base + np.int64(gaussian) * FIELDS
         log2_alpha = _log2_alpha(records, offset, x, y)
         alpha = _alpha_of(log2_alpha, exp2_blend(log2_alpha))
-        transmittance, pixel, weight = _behind(alpha, transmittance, pixel, records, offset)
+        transmittance, pixel = _behind(alpha, transmittance, pixel, records, offset)
         put(lists, begin + kept, gaussian)
-        kept += any_ge(weight, least)
+        kept += any_ge(log2_alpha, _LOG2_ALPHA_MIN)
         i += 1
     store(out, cell * CELL, pixel[0])
     store(out, cell * CELL + LANES, pixel[1])
@@ -188,7 +188,7 @@ def _blend_cell(records, base, candidates, begin, count, x, y, termination, leas
     return kept
 
 
-@kernel(i64, i64, f32_1, i32_1, f32_1, f32_1, i32_1, i32_1, i64_1, i32_1, f32, f32, i32_1, i32_1, f32_1)
+@kernel(i64, i64, f32_1, i32_1, f32_1, f32_1, i32_1, i32_1, i64_1, i32_1, f32, i32_1, i32_1, f32_1)
 def blend(
     from_task,
     to_task,
@@ -201,7 +201,6 @@ def blend(
     list_start,
     candidates,
     termination,
-    least,
     kept,
     lists,
     out,
@@ -220,9 +219,8 @@ def blend(
         list_start: Where each view's lists begin, [V + 1] int64.
         candidates: Indices of Gaussians that may touch a pixel of the cell.
         termination: A cell stops once the transmittance of all its pixels is below this.
-        least: The least weight in a pixel with which a Gaussian is listed; above 0.
         kept: Written: length of each list in `lists`, [cells] int32.
-        lists: Written: those that weigh as much in one; laid out as `candidates`, and may be the same memory.
+        lists: Written: those that do touch one; laid out as `candidates`, and may be the same memory.
         out: Written: [cells * 64]: red, green, blue and transmittance of the cell's 16 pixels.
     """
     cells = entries.shape[0]
@@ -239,7 +237,6 @@ def blend(
                 load(x, cell * LANES),
                 load(y, cell * LANES),
                 termination,
-                least,
                 cell,
                 lists,
                 out,

@@ -79,7 +79,7 @@ class Rendered:
 
     Args:
         records: Projected Gaussians, [V, blocks * 256].
-        lists: Those that weigh enough in a pixel of each cell.
+        lists: Those that touched a pixel of each cell.
         cells: Red, green, blue and transmittance of each cell's pixels, [cells * 64].
         lease: Keeps memory that several renderings share, if any do.
     """
@@ -104,18 +104,9 @@ def camera_fields(intrinsics: F64, height: int, width: int) -> F32:
 
 
 def render_cells(
-    inputs: Inputs,
-    layout: Layout,
-    termination: float,
-    workspace: Workspace,
-    reuse: CpuReuse | None = None,
-    least_weight: float = 0.0,
+    inputs: Inputs, layout: Layout, termination: float, workspace: Workspace, reuse: CpuReuse | None = None
 ) -> Rendered:
-    """Render the open pixels of all views.
-
-    Lists of Gaussians are taken from `reuse`, if given; what weighs less than `least_weight` in all pixels of a cell
-    is blended there, and left out of the lists that are returned.
-    """
+    """Render the open pixels of all views; lists of Gaussians are taken from `reuse`, if given."""
     margin_px = 0.0 if reuse is None else reuse.margin_px
     records = workspace.get("records", (layout.views, inputs.blocks * LANES * FIELDS))
     in_parts(project, tasks_for(inputs.blocks), *inputs.flat(), np.float32(margin_px), records.reshape(-1))
@@ -143,7 +134,6 @@ def render_cells(
         candidates.view_start,
         candidates.gaussians,
         np.float32(termination),
-        np.float32(max(least_weight, np.finfo(np.float32).tiny)),
         kept,
         touching,
         cells,
