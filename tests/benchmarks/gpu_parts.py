@@ -175,7 +175,7 @@ def beside_the_host(asked: Asked) -> None:
     intrinsics = np.array([[size[1], 0, size[1] / 2], [0, size[1], size[0] / 2], [0, 0, 1.0]])
     swept = SweepSettings(planes=16)
     for name, work in {
-        "groups of patches": lambda: _denoise(views[None], groups, (lattice.patch_px, lattice.patch_px), 0.1, views[None]),
+        "groups of patches": lambda: _denoise(views[None], groups, lattice.patch(size), 0.1, views[None]),
         "GAP-TV": lambda: decode_signed(shot, GapTvSettings(iterations=4)),
         "inverse depths of a sweep": lambda: sweep(views[..., None], poses, intrinsics, 0, (0.2, 1.0), swept),
     }.items():
