@@ -48,7 +48,7 @@ class PathKnown:
 
     Args:
         reference: The view whose pose is held.
-        errors: That are to be expected of it; the turn is that by which the paths of several fits differ, if there are.
+        errors: That are to be expected of it: what the paths of several fits differ by, if there are.
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].

@@ -66,10 +66,11 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F6
     expected, spread = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0), None
     if errors is not None and extent > 0:
         expected = PathErrors(errors.position * unit / extent, errors.turn)
-    elif errors is None and ensemble.others:
+    elif errors is None and ensemble.others and extent > 0:
         # Fits have left the path of the tracks, and differ by about as much as each errs.
         found = [fit.world_to_camera for fit in ensemble.others]
         apart = [squared_distance(camera_centres(one), camera_centres(poses)) for one in found]
         turned = [squared_turn(one, poses) for one in found]
-        spread, expected = float(np.sqrt(np.mean(apart))), replace(expected, turn=float(np.sqrt(np.mean(turned))))
+        spread = float(np.sqrt(np.mean(apart)))
+        expected = PathErrors(spread / extent, float(np.sqrt(np.mean(turned))))
     return PathKnown(geometry.reference, expected, given, others, geometry.followed, places, spread)
