@@ -10,9 +10,10 @@ import pytest
 
 from gs2ci.core import colmap
 from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.foreign import camera_files
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry import choose
-from gs2ci.reconstruct.geometry.path import bundle, camera_files
+from gs2ci.reconstruct.geometry.path import bundle
 from gs2ci.reconstruct.geometry.sources import mapper
 from gs2ci.reconstruct.hypotheses import matches
 from tests import platforms
@@ -70,7 +71,7 @@ def test_all_is_imported_without_pycolmap_on_arm_and_elsewhere_it_is_missing(mac
 def arm(monkeypatch):
     """Take pycolmap away from all that uses it."""
     absent = colmap._Absent()
-    for module in (bundle, camera_files, mapper):
+    for module in (bundle, colmap, mapper):
         monkeypatch.setattr(module, "pycolmap", absent)
 
 

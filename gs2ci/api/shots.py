@@ -103,18 +103,19 @@ def import_file(
         path: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF.
         masks: Masks, if they are in a separate file, or a folder of PNG or TIFF pictures.
         truth: True views, or their file, for scoring only.
-        poses: True poses, or their file, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
+        poses: True poses, for scoring only: world-to-camera [N, 4, 4], OpenCV axes, or their file; or a
+            transforms.json, the folder of a COLMAP model, or the text of a trajectory (TUM, KITTI).
         stage: Log of the stage that carried the camera, from which a reconstruction begins: a CSV file with one row
             for each mask, columns named x_mm, y_mm, z_mm; or one array in .npy, .npz or .mat: positions [N, 3], or
-            world-to-camera poses [N, 4, 4].
+            world-to-camera poses [N, 4, 4]; or a camera file as for poses.
         stage_axes: Which way the camera goes as x, y and z of the log grow: three of right, left, down, up, ahead and
             back.
         stage_error: Standard error of these positions, in mm, or in their own unit if no column names it; by default
             1 % of the path.
         stage_turn_error_deg: By how many degrees the stage may turn the camera from the first to the last position
             (standard error); by default 0.1 px. Depths and lengths err with it.
-        intrinsics: Camera matrix: a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5); in Python an
-            array as well.
+        intrinsics: Camera matrix: fx fy cx cy in pixels (pixel centres at +0.5); a file with [3, 3]; or a calibration
+            by OpenCV or ROS, a transforms.json or a COLMAP model, with the lens; in Python an array as well.
         focal_px: Focal length in pixels, with the principal point at the centre.
         distortion: Coefficients of the lens in OpenCV's convention: k1 k2 p1 p2, and k3 if it was fitted. Needs the
             camera matrix.
@@ -183,7 +184,7 @@ def import_file(
         distortion=Array("--distortion", np.array(distortion)) if len(distortion) else None,
         bad_pixels=bad_pixels,
         curve=curve,
-        intrinsics=_given("--intrinsics", intrinsics),
+        intrinsics=Path(intrinsics) if isinstance(intrinsics, str | Path) else _given("--intrinsics", intrinsics),
         world_to_camera=_given("--poses", poses),
         truth=_given("--truth", truth),
         stage=None if stage is None else _place(stage),
@@ -315,13 +316,15 @@ def _place(path: str | Path) -> Path:
 
 
 def _given(name: str, value: ArrayOrFile) -> "Array | None":
+    from gs2ci.core.foreign.camera_files import is_camera_file, read_poses
     from gs2ci.core.foreign.container import Array
     from gs2ci.core.foreign.opening import load_single
 
     if value is None:
         return None
     if isinstance(value, str | Path):
-        return load_single(Path(value))
+        path = Path(value)
+        return Array(str(path), read_poses(path)) if name == "--poses" and is_camera_file(path) else load_single(path)
     try:
         return Array(name, np.asarray(on_host(value), dtype=np.float64))
     except (TypeError, ValueError, RuntimeError) as error:  # the last of tensors without data, or lazily negated

@@ -23,10 +23,9 @@ from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.sensor import Sensor, SensorConfig, TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
-from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
-from gs2ci_sims.wires.v4l2 import V4l2Twin
-from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Exposure, World
+from tests.twins.genicam import GenicamModel, GenicamTwin
+from tests.twins.v4l2 import CameraModel, V4l2Twin
 
 LINE = "dmd0.out"
 

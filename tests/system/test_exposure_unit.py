@@ -1,13 +1,13 @@
 """A camera that exposes for a tenth of the time that was set: found whatever its stamps, by captures and the doctor."""
 
-from dataclasses import replace
+from dataclasses import asdict
 
 import pytest
 
 from gs2ci.rig.doctor import examine
 from gs2ci_drivers.failures import ExposureError, ExtraFrameError, PlanRefusedError
-from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import STAMPING
+from tests.twins.v4l2 import CameraModel, V4l2Twin
 
 
 def bench_of(make_small, camera_driver, table=None, **model):
@@ -18,7 +18,7 @@ def bench_of(make_small, camera_driver, table=None, **model):
         world={"camera_driver": camera_driver},
     )
     stamps, flagged = STAMPING[camera_driver]
-    camera = replace(small.bench.sensor.model, stamps=stamps, flags_start=flagged, **model)
+    camera = CameraModel(**asdict(small.bench.sensor.model) | {"stamps": stamps, "flags_start": flagged} | model)
     small.bench.sensor = V4l2Twin(small.bench.world, camera, small.bench.faults["sensor"])
     return small
 

@@ -5,6 +5,7 @@ Here: the order in which everything that the user has not fixed is determined. N
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
+from gs2ci.core.foreign.camera_files import CameraFile, is_camera_file, read_calibration
 from gs2ci.core.foreign.colours import COLOURS, one_reading
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.fields import Fields
 from gs2ci.core.foreign.gathered import Found, chosen_masks, find, weights_of
+from gs2ci.core.foreign.opening import load_single
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
@@ -84,7 +87,7 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
     order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
     measurements, mosaic, reduced = one_reading(order.measurements)
     # A grey scene of a colour sensor has equal channels, too: its true views say that it has three.
-    is_grey_in_colour = mosaic is None and found.truth is not None and found.truth.values.shape[-1] == COLOURS
+    is_grey_in_colour = mosaic is None and found.truth is not None and found.truth.values.shape[-1:] == (COLOURS,)
     if reduced and not is_grey_in_colour:
         guesses.append(f"{found.measurement.where}: {reduced}")
         order = replace(order, measurements=measurements)
@@ -237,6 +240,14 @@ class _Import:
             self.guesses.append(f"WARNING: the truth asks for --scale {proven.value:.6g}, not {said:.6g}")
         return scale.Scale(said, "stated", stated=True)
 
+    @cached_property
+    def camera_file(self) -> CameraFile | None:
+        """Get the camera of a file of another program, if the user names one."""
+        given = self.options.intrinsics
+        if not isinstance(given, Path) or not is_camera_file(given):
+            return None
+        return read_calibration(given, self.readings.shape[1:3])
+
     def intrinsics(self) -> F64 | None:
         """Get the camera matrix: said, or from the file."""
         given, options = self.options.intrinsics, self.options
@@ -244,6 +255,10 @@ class _Import:
             if given is not None:
                 raise InputError("--focal-px and --intrinsics are both given", remedy="give one of them")
             given = Array("--focal-px", np.asarray(options.focal_px))
+        if self.camera_file is not None:
+            given = Array(str(given), self.camera_file.intrinsics)
+        elif isinstance(given, Path):
+            given = load_single(given)
         given = given or self._load("intrinsics") or self._load("focal")
         if given is None:
             self.guesses.append("camera: no intrinsics given; the focal length will have to be estimated")
@@ -252,7 +267,12 @@ class _Import:
 
     def distortion(self, intrinsics: F64 | None) -> F64 | None:
         """Get the lens's coefficients, [5]: said, or from a file that has the camera matrix as well."""
-        given = self.options.distortion or self._load("distortion")
+        given = self.options.distortion
+        if given is None and self.camera_file is not None:
+            if not self.camera_file.distortion.any():
+                return None
+            given = Array(str(self.options.intrinsics), self.camera_file.distortion)
+        given = given or self._load("distortion")
         if given is None:
             return None
         if intrinsics is None and self.options.distortion is None:

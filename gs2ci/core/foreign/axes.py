@@ -20,7 +20,7 @@ from gs2ci.core.foreign.options import ImportOptions, Layout, MaskAxis
 # H, W: pixels; C: 1 or 3 colours; K: measurements; N: masks; T: true frames (K times N).
 _MEASUREMENT_ORDERS: Final = ("HW", "HWC", "CHW", "HWK", "KHW", "KHWC", "HWCK", "HWKC", "KCHW")
 _MASK_ORDERS: Final = ("HW", "NHW", "HWN")
-_TRUTH_ORDERS: Final = ("THW", "HWT", "THWC", "HWCT", "TCHW", "HWC", "HW", "KNHW", "HWNK", "KNHWC")
+_TRUTH_ORDERS: Final = ("THW", "HWT", "THWC", "HWCT", "TCHW", "CTHW", "HWC", "HW", "KNHW", "HWNK", "KNHWC")
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,9 @@ def arrange_truth(truth: Array, measurements: int, views: int, size: tuple[int, 
     """
     shape = truth.values.shape
     reading = _truth_reading(shape, size, measurements, views)
+    if reading is None and 1 in shape:
+        truth = _without_ones(truth)
+        reading = _truth_reading(truth.values.shape, size, measurements, views)
     if reading is None:
         wanted = measurements * views
         raise InputError(
@@ -247,6 +250,13 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
     )
     if swapped:
         remedy = "height and width of the masks are exchanged: transpose the masks before saving"
+    pixels = shape[0] * shape[1] if len(shape) == 2 else 0
+    if pixels and pixels in mask_shape:
+        first = mask_shape[0] != pixels
+        wanted = f"[N, {shape[0]}, {shape[1]}]" if first else f"[{shape[0]}, {shape[1]}, N]"
+        remedy = f"each mask is one row of {pixels} numbers: reshape the masks to {wanted} before saving"
+    elif len(shape) == 1:
+        remedy = f"the measurement is one row of {shape[0]} numbers: reshape it to [H, W] before saving"
     if mask_axis != "auto":
         remedy += f", or leave out --mask-axis {mask_axis}"
     return InputError(

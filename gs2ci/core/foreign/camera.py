@@ -2,31 +2,36 @@
 
 Accepted: [3, 3] (or transposed), four numbers fx fy cx cy, or a focal length with a centred principal point; OpenCV's
 coefficients of distortion; poses [N, 4, 4], [N, 3, 4] or with the counting axis last, world-to-camera or
-camera-to-world, OpenCV axes. Pixel centres lie at +0.5, so a centred principal point is (W/2, H/2).
+camera-to-world, OpenCV axes; trajectories of TUM and KITTI. Pixel centres lie at +0.5, so a centred principal point is
+(W/2, H/2).
 """
 
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import Array
+from gs2ci.core.foreign.container import Array, damage_as_input_error
 from gs2ci.core.foreign.pixels import LARGEST
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import check_intrinsics, check_rigid
 
 FEWEST_COEFFICIENTS: Final = 4
 """OpenCV's smallest model."""
+TRAJECTORIES: Final = {8: "TUM's: time, place and quaternion", 12: "KITTI's: matrices of 3 x 4"}
+"""Numbers in a row of the text files in which trajectories are kept, all of them camera-to-world."""
 
 
 def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> F64:
     """Make a camera matrix from what a file or the user gives.
 
     Args:
-        given: [3, 3], [N, 3, 3] all equal, four numbers fx fy cx cy, or one focal length.
+        given: [3, 3], the same row by row, as part of [3, 4] or [4, 4], [N, 3, 3] all equal, four numbers fx fy cx cy,
+            or one focal length.
         size: Height and width in pixels.
         guesses: Sentences are added here.
 
@@ -43,6 +48,10 @@ def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> 
     elif values.shape == (4,):
         fx, fy, cx, cy = values
         values = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    elif values.shape == (9,):
+        values = values.reshape(3, 3)
+    elif values.shape in ((3, 4), (4, 4)) and np.array_equal(values[:, 3], np.eye(4)[3, : len(values)]):
+        values = values[:3, :3]
     if values.shape == (3, 3) and not np.allclose(values[2], (0, 0, 1)) and np.allclose(values[:, 2], (0, 0, 1)):
         values = values.T
         guesses.append(f"{given.where}: camera matrix was transposed")
@@ -88,13 +97,33 @@ def _doubt(matrix: F64, size: tuple[int, ...], guesses: list[str]) -> None:
         guesses.append(f"WARNING: a focal length of {matrix[0, 0]:.4g} px for {width} px of width is unusual")
 
 
+def trajectory(where: str, rows: F64, guesses: list[str]) -> F64:
+    """Return the world-to-camera poses, [R, 4, 4], of the rows of a text file, [R, 8] or [R, 12] (`TRAJECTORIES`).
+
+    Raises:
+        InputError: They are no rigid motions.
+    """
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    with damage_as_input_error(where):
+        if rows.shape[1] == 8:
+            poses[:, :3, 3] = rows[:, 1:4]
+            poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:]).as_matrix()
+        else:
+            poses[:, :3] = rows.reshape(-1, 3, 4)
+        guesses.append(f"{where}: rows of {rows.shape[1]} numbers, taken for {TRAJECTORIES[rows.shape[1]]}")
+        return poses_from(Array(where, poses), len(rows), camera_to_world=True, guesses=guesses)
+
+
 def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list[str]) -> F64:
     """Make world-to-camera poses [count, 4, 4].
 
     Raises:
         InputError: Wrong number or shape, not finite, or no rigid motions.
     """
-    values = _count_first(np.asarray(given.values, np.float64), count, given)
+    values = np.asarray(given.values, np.float64)
+    if values.ndim == 2 and len(values) == count and values.shape[1] in TRAJECTORIES:
+        return trajectory(given.where, values, guesses)
+    values = _count_first(values, count, given)
     if values.shape[1:] == (3, 4):
         last = np.broadcast_to(np.array([0, 0, 0, 1.0]), (count, 1, 4))
         values = np.concatenate([values, last], axis=1)

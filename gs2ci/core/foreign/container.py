@@ -110,7 +110,7 @@ class Container:
         """
         self.used.add(key)
         if self.entries[key].kind != "text":
-            raise InputError(f"{self.where(key)}: holds {self.entries[key].kind}", allowed="a text")
+            raise InputError(f"{self.where(key)}: holds no text", allowed="a text", remedy="leave it out")
         with damage_as_input_error(self.where(key)):
             text = np.asarray(self.load_values(key)).reshape(-1)[0]
             return (text.decode("utf-8") if isinstance(text, bytes) else str(text)).strip()

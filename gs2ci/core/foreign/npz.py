@@ -80,6 +80,12 @@ def read_npz(path: Path) -> Container:
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if len(members) > ENTRY_LIMIT or len({info.filename for info in members}) < len(members):
             raise InputError(f"{path}: {len(members)} arrays, or two of one name", remedy="save the file again")
+        if not members:
+            raise InputError(
+                f"{path}: a zip archive without an array of numpy",
+                allowed="a .npz of numpy",
+                remedy="unpack it, and give what it holds; in Python: np.savez('FILE.npz', meas=..., masks=...)",
+            )
         entries = {info.filename.removesuffix(".npy"): _entry(path, archive, info) for info in members}
     return Container(path, entries, lambda key: _load(path, key))
 

@@ -12,11 +12,19 @@ from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npz import TORCH_WAY_OUT, read_npy, read_npz
 from gs2ci.core.foreign.pictures import is_picture, read_pictures
+from gs2ci.core.foreign.text import is_numbers, read_text
 
-_FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3), or pictures (PNG, TIFF, BMP, PGM, or a folder of them)"
+_FORMATS: Final = (
+    ".npz, .npy, .mat (version 5 to 7.3), a text of numbers, or pictures (PNG, TIFF, BMP, PGM, or a folder of them)"
+)
 
 _ZARR: Final = ("zarr.json", ".zarray", ".zgroup")
 _LOSSLESS: Final = "save the camera's readings as 16-bit PNG or TIFF"
+_FRAMES: Final = (
+    "if it was stored without loss, save its frames as pictures: ffmpeg -i FILE -pix_fmt gray FOLDER/%04d.png; "
+    "otherwise take the patterns from where the film was made"
+)
+_UNPACK: Final = "unpack it, and give what it holds"
 # First bytes of formats that people have, their names, and how their numbers come into a format that is read.
 UNREAD: Final = (
     (b"SIMPLE  =", "a FITS file", "in Python: np.save('FILE.npy', astropy.io.fits.getdata(PATH).astype(float))"),
@@ -41,6 +49,17 @@ UNREAD: Final = (
     (b"v/1\x01", "an EXR picture", "save it as 32-bit TIFF, or as .npy"),
     (b"\xff\x0a", "a JPEG XL picture", _LOSSLESS),
     (b"\xff\x4f\xff\x51", "a JPEG 2000 picture", _LOSSLESS),
+    (b"\x1aE\xdf\xa3", "a film (Matroska, WebM)", _FRAMES),
+    (b"\x1f\x8b", "packed by gzip", _UNPACK),
+    (b"BZh", "packed by bzip2", _UNPACK),
+    (b"\xfd7zXZ\0", "packed by xz", _UNPACK),
+    (b"7z\xbc\xaf", "a 7z archive", _UNPACK),
+    (b"Rar!", "a RAR archive", _UNPACK),
+    (
+        b"{",
+        "a JSON file",
+        "in Python: np.savez('FILE.npz', meas=..., masks=...); a camera's is for --intrinsics, --poses",
+    ),
 )
 
 
@@ -75,10 +94,13 @@ def open_foreign(path: Path) -> Container:
     if is_picture(start):
         return read_pictures(path)
     _refuse_by_name(path, start)
+    if is_numbers(start):
+        return read_text(path)
     raise InputError(
         f"{path}: {'empty' if not start else 'its content is of no known format'}",
         allowed=_FORMATS,
-        remedy="save the measurement and its masks in one of these",
+        remedy="save it in one of these; raw numbers, in Python: np.save('FILE.npy', np.fromfile(PATH, '<u2')"
+        ".reshape(H, W))",
     )
 
 
@@ -87,6 +109,10 @@ def _refuse_by_name(path: Path, start: bytes) -> None:
     found = next((way for mark, *way in UNREAD if start.startswith(mark)), None)
     if found is None and start[4:12] in (b"jP  \r\n\x87\n", b"ftypavif", b"ftypheic"):
         found = ["a JPEG 2000, AVIF or HEIC picture", _LOSSLESS]
+    if found is None and start[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free"):
+        found = ["a film (MP4, MOV)", _FRAMES]
+    if start.startswith(b"RIFF") and start[8:12] == b"AVI ":
+        found = ["an AVI film", _FRAMES]
     if found is None and _is_mat4(start):
         found = ["a .mat of version 4", "save it again in MATLAB or Octave: save -v7 FILE.mat meas masks"]
     if found is not None:

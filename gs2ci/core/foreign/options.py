@@ -31,7 +31,7 @@ class ImportOptions:
         offset: Reading without light.
         saturation: Readings at or above it are clipped; 0: none is.
         cfa: Colour filter array of a single-channel measurement.
-        intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels.
+        intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels; or a file of it (`camera_files`, or one array).
         focal_px: Focal length in pixels, principal point at the centre.
         distortion: Of the lens, OpenCV's k1 k2 p1 p2 k3.
         world_to_camera: True poses, [N, 4, 4], for scoring only.
@@ -61,7 +61,7 @@ class ImportOptions:
     offset: float | None = None
     saturation: float | None = None
     cfa: CfaPattern | None = None
-    intrinsics: Array | None = None
+    intrinsics: Array | Path | None = None
     focal_px: float | None = None
     distortion: Array | None = None
     world_to_camera: Array | None = None

@@ -4,6 +4,7 @@ Numbers are taken as they are stored, whatever a decoder makes of them (`tiff`).
 """
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,8 @@ from gs2ci.core.limits import LIMIT_BYTES
 from gs2ci.core.natural_order import natural_order
 
 SIGNATURES: Final = (b"\x89PNG\r\n\x1a\n", *tiff.KINDS, b"BM", b"P5")
+# From so many on, the names of pictures show which one is of another kind.
+_COMPANY: Final = 4
 JPEG: Final = b"\xff\xd8\xff"
 
 
@@ -58,6 +61,8 @@ def read_pictures(path: Path) -> Container:
     order = f"{len(files)} pictures, {files[0].name} to {files[-1].name}" if len(files) > 1 else ""
     if natural_order([file.name for file in files]).is_doubtful:
         order += "; WARNING: whole numbers decide, 0.5 before 0.25: rename them if theirs are decimal numbers"
+    elif len(files) > 1 and not any(digit in file.stem for digit in "0123456789" for file in files):
+        order += "; WARNING: in the order of the alphabet, since their names hold no numbers"
     return Container(
         path,
         {"": ArrayEntry(values.shape, "number")},
@@ -77,7 +82,13 @@ def _in_folder(folder: Path) -> list[Path]:
         there = [file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".")]
         files = [file for file in there if is_picture(_start(file))]
     if not files:
-        raise InputError(f"{folder}: no picture in this folder", allowed="PNG, TIFF, BMP or PGM")
+        held = f"; it holds {len(there)} files, such as {min(there).name}" if there else ""
+        raise InputError(
+            f"{folder}: no picture in this folder{held}",
+            allowed="PNG, TIFF, BMP or PGM",
+            remedy="name the file itself, or stack the masks: np.save('masks.npy', np.stack([...]))",
+        )
+    _check_company(folder, files)
     endings = {file.suffix.lower() for file in files}
     for file in sorted(set(there) - set(files)):
         if file.suffix.lower() in endings:
@@ -87,6 +98,23 @@ def _in_folder(folder: Path) -> list[Path]:
                 remedy="it is empty, damaged or of another kind: copy it or save it again, or take it out",
             )
     return [files[index] for index in natural_order([file.name for file in files]).indices]
+
+
+def _check_company(folder: Path, files: list[Path]) -> None:
+    """Refuse a picture whose name has nothing of that which all others share but their numbers.
+
+    Raises:
+        InputError: There is one; a measurement among its masks would be taken for another mask.
+    """
+    words = [re.sub(r"\d+", "#", file.stem.lower()) for file in files]
+    shared = max(set(words), key=words.count)
+    odd = [file for file, word in zip(files, words, strict=True) if word != shared]
+    if len(files) >= _COMPANY and len(odd) == 1 and "#" in shared and not odd[0].stem[-1].isdigit():
+        raise InputError(
+            f"{folder}: {odd[0].name} beside {len(files) - 1} pictures whose names differ in numbers alone",
+            allowed="the masks, or the frames of one stack, and no other picture",
+            remedy=f"take {odd[0].name} out if it is no mask; if it is one, rename it as the others",
+        )
 
 
 def _start(file: Path) -> bytes:

@@ -31,7 +31,7 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "truth": ("truth", "orig", "ground_truth", "groundtruth", "gt", "views", "orig_bayer"),
     "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix"),
     "focal": ("focal_px", "focal"),
-    "distortion": ("distortion", "dist_coeffs", "distcoeffs", "distortion_coefficients"),
+    "distortion": ("distortion", "dist", "dist_coeffs", "distcoeffs", "distortion_coefficients"),
     "world_to_camera": ("world_to_camera", "w2c", "extrinsics"),
     "camera_to_world": ("camera_to_world", "c2w"),
     "telemetry": ("telemetry_world_to_camera",),
@@ -121,6 +121,13 @@ def require_key(
     ]
     # MATLAB's scalars and lists have two axes as well.
     free = [key for key in free if sum(side > 1 for side in entries[key].shape) >= 2] or free
+    if said is None and len(free) == 2 and (stack := _stack_of(container, free)) is not None:
+        chosen = next(key for key in free if (key == stack) == (role == "masks"))
+        guesses.append(
+            f"{role}: key {chosen!r}, of two arrays without known names the one with an axis "
+            f"{'more' if chosen == stack else 'less'}; choose with {_FLAGS[role]}"
+        )
+        return chosen
     if len(free) == 1 and said is None:
         if free[0]:
             guesses.append(f"{role}: key {free[0]!r}, the only array without a known name")
@@ -133,3 +140,10 @@ def require_key(
         remedy=f"name the key with {_FLAGS[role]}"
         + (", or give the masks as a second file" if role == "masks" else ""),
     )
+
+
+def _stack_of(container: Container, keys: list[str]) -> str | None:
+    """Return which of two arrays is a stack of such as the other, along its first or last axis."""
+    image, stack = sorted(keys, key=lambda key: len(container.entries[key].shape))
+    one, many = container.entries[image].shape, container.entries[stack].shape
+    return stack if len(one) == 2 and one in (many[1:], many[:-1]) else None

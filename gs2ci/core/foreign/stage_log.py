@@ -5,7 +5,6 @@ Not here: poses as matrices (`camera`), a log against time, whose positions must
 (docs/how-to.md), the stage of a rig file (`gs2ci.rig.telemetry`).
 """
 
-import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +14,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import Array, damage_as_input_error
+from gs2ci.core.foreign.camera import TRAJECTORIES, trajectory
+from gs2ci.core.foreign.camera_files import is_camera_file, read_poses
+from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.opening import load_single
+from gs2ci.core.foreign.text import Table, table
 
 Way = Literal["right", "left", "down", "up", "ahead", "back"]
 USUAL_WAYS: Final[tuple[Way, Way, Way]] = ("right", "down", "ahead")
@@ -47,17 +49,25 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
     """
     axes = _axes(ways)
     if path.suffix.lower() in _ENDINGS:
-        places = _table(path, guesses)
+        read = table(path, _HOW)
+        poses = _turning(path, read, guesses)
+        places = _positions(path, read, guesses) if poses is None else np.empty((0, 3))
     else:
-        given = load_single(path)
+        given = Array(str(path), read_poses(path)) if is_camera_file(path) else load_single(path)
         values = np.asarray(given.values, np.float64)
-        if values.ndim == 3:
-            if tuple(ways) != USUAL_WAYS:
-                raise InputError(f"--stage-axes with {path}, which holds poses", remedy="leave --stage-axes out")
-            return given
+        poses = given if values.ndim == 3 else None
         places = values.reshape(-1, 1) if values.ndim == 1 else values
-        if places.ndim != 2 or places.shape[1] not in (1, 3):
-            raise InputError(f"{path}: an array of shape {list(values.shape)}", allowed="[N, 3], [N] or [N, 4, 4]")
+    if poses is not None:
+        if tuple(ways) != USUAL_WAYS:
+            raise InputError(f"--stage-axes with {path}, which holds poses", remedy="leave --stage-axes out")
+        return poses
+    return _straight(path, places, ways, axes, guesses)
+
+
+def _straight(path: Path, places: F64, ways: Sequence[str], axes: F64, guesses: list[str]) -> Array:
+    """Return the poses of a camera that does not turn."""
+    if places.ndim != 2 or places.shape[1] not in (1, 3):
+        raise InputError(f"{path}: an array of shape {list(places.shape)}", allowed="[N, 3], [N] or [N, 4, 4]")
     if not np.isfinite(places).all():
         row = int(np.flatnonzero(~np.isfinite(places).all(axis=1))[0])
         raise InputError(
@@ -85,39 +95,17 @@ def _axes(ways: Sequence[str]) -> F64:
     return axes
 
 
-def _table(path: Path, guesses: list[str]) -> F64:
-    """Return the positions of a text file, [R, 1] or [R, 3], in mm if it names a unit."""
-    with damage_as_input_error(str(path)):
-        if not path.is_file():
-            raise InputError(f"{path}: no such file", remedy="check the name")
-        text = path.read_text(encoding="utf-8-sig")
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    names, unmarked = [], [line for line in lines if not line.startswith("#")]
-    if not unmarked:
-        raise InputError(f"{path}: no rows", allowed=_HOW)
-    mark = next((one for one in ";\t" if one in unmarked[0]), "," if "," in unmarked[0] else None)
-    rows = [line.split() if mark is None else next(csv.reader([line], delimiter=mark)) for line in unmarked]
-    if _numbers(rows[0], mark) is None:
-        names, rows = [name.strip() for name in rows[0]], rows[1:]
-    elif lines[0].startswith("#"):  # as numpy.savetxt writes a header
-        names = next(csv.reader([lines[0].lstrip("# ")], delimiter=mark or " "))
-    values = [_numbers(row, mark) for row in rows]
-    for number, row in enumerate(values, 1):
-        if row is None or len(row) != len(values[0] or ()):
-            raise InputError(f"{path}: row {number} of the log is no row of numbers like the others", allowed=_HOW)
-    if not values:
-        raise InputError(f"{path}: names, and no rows", allowed=_HOW)
-    columns = np.array(values, np.float64)
-    if names and len(names) != columns.shape[1]:
-        raise InputError(f"{path}: {len(names)} names for {columns.shape[1]} columns", allowed=_HOW)
-    return _by_name(path, names, columns, guesses) if names else _unnamed(path, columns, guesses)
-
-
-def _numbers(row: Sequence[str], mark: str | None) -> list[float] | None:
-    try:  # decimal commas, as spreadsheets write them beside semicolons and tabs
-        return [float(one if mark == "," else one.replace(",", ".")) for one in row]
-    except ValueError:
+def _turning(path: Path, read: Table, guesses: list[str]) -> Array | None:
+    """Return the poses of a trajectory in a form of others; None: a table of positions."""
+    quaternion = sum(name.strip().lower() in ("qx", "qy", "qz", "qw") for name in read.names)
+    if read.columns.shape[1] not in TRAJECTORIES or (read.names and quaternion < 4):
         return None
+    return Array(str(path), trajectory(str(path), read.columns, guesses))
+
+
+def _positions(path: Path, read: Table, guesses: list[str]) -> F64:
+    """Return the positions of a text file, [R, 1] or [R, 3], in mm if it names a unit."""
+    return _by_name(path, read.names, read.columns, guesses) if read.names else _unnamed(path, read.columns, guesses)
 
 
 def _unnamed(path: Path, columns: F64, guesses: list[str]) -> F64:

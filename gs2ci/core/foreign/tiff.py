@@ -179,6 +179,8 @@ def note_of(layout: Mapping[int, int]) -> str:
     bits = layout.get(BITS, 16)
     if 8 < bits < 16:
         notes.append(f"{bits} bits")
+    if layout.get(PHOTOMETRIC, 1) == 0:
+        notes.append("0 is white, as its tag says (tifffile writes boolean arrays so, which are then inverted)")
     turned = layout.get(ORIENTATION, _UPRIGHT)
     if turned != _UPRIGHT:
         notes.append(f"turned as its tag of orientation says ({turned})")

@@ -1,14 +1,15 @@
 """A GenICam camera with its GenTL producer: the twin below `CameraPort`.
 
 Its features follow SFNC 2.7 (`genicam_nodes`), its pixels PFNC 2.4. Frame numbers count in 16 bits from 1, without 0,
-as the blocks of GigE Vision 1, or from 0 as in USB3 Vision. Time stamps are those of the camera's own clock, which has
+as the blocks of GigE Vision 1. Time stamps are those of the camera's own clock, which has
 another origin; they mark the start of exposure as SFNC's ChunkTimestamp ("generated when frame acquisition was
 triggered", Basler ace user's manual), or a later event as with other makers. A frame without a free buffer is lost
 together with its number. Lost packets leave the buffer incomplete (GenTL 1.6, BUFFER_INFO_IS_INCOMPLETE); harvesters
 delivers neither such a buffer nor its number. After AcquisitionStart a camera needs some time until it accepts
 triggers (AcquisitionStatus[FrameTriggerWait]); a trigger before that is lost.
 
-Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`shutter`).
+Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`shutter`), cameras that differ from a
+usual one (`tests/twins/genicam.py`).
 """
 
 from collections import deque
@@ -16,16 +17,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from errno import EBUSY, ENODEV, ENOENT
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
-from gs2ci_sims.wires.genicam_processing import further_features, in_categories, process
-from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting, by_rows
+from gs2ci_sims.wires.genicam_nodes import Node, NodeTable, in_categories
+from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel, Stamps
 from gs2ci_sims.world import World
 
@@ -40,11 +40,11 @@ MIRRORED = declare("genicam.mirrored", "another program has left the picture mir
 NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
-US = 1e-6
-TIME_UNITS_S = {"us": 1e-6, "ms": 1e-3, "ns": 1e-9, "px": 1e-6}
+US: Final = 1e-6
 LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
+FRAME: Final = "FrameStart"
 FIXED_LIMIT_HZ = 1111.0
 CALLS_KEPT = 10_000
 BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
@@ -58,70 +58,21 @@ class GenicamModel(ShutterModel):
         height: Rows of the pixel array.
         width: Columns.
         formats: Pixel formats by their PFNC names; the first is the default.
-        padding_bytes: Padding after each row, in bytes.
-        transport: Transport layer, which determines the frame numbers.
         trigger_input: The camera's name for the input that `trigger_line` is wired to.
-        gated: Whether it has ExposureMode TriggerWidth.
         stamps: The event that a time stamp marks.
-        stamped: Whether its clock can be latched.
-        chunks: Whether it appends chunks.
         clock_epoch_s: Time on its clock when the world's clock is at 0.
         clock_ppm: Rate error of its clock; positive runs fast.
         ready_s: From AcquisitionStart until it accepts triggers.
-        tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
-            the exposure set, ResultingFrameRate (Basler); "limit": from the limit of AcquisitionFrameRate, which
-            follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
-        least_delay_us: Least TriggerDelay: 9 on a Blackfly S (blackfly_s.yaml of flir_camera_driver, "value >= 9").
-        locks_triggers: Whether what a trigger is cannot be set while TriggerMode is On (Spinnaker's example Trigger:
-            "The trigger must be disabled in order to configure" its source).
-        has_activation: Whether it has TriggerActivation, which SFNC recommends and does not require (Aravis issue 460).
-        has_selector: Whether it has TriggerSelector (Aravis pull request 671: an Imperx has none).
-        goes_on: Whether its frame numbers go on after a stop (Aravis issue 762: FLIR and Point Grey, GigE Vision).
-        gain_unit: Unit of Gain: "dB", or "" for a factor without a unit (Chromasens).
-        time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
-        auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
-        processing: Whether it has further features that change readings (`genicam_processing`).
-        debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
-            lasted for that long, so that edges act later by as much and shorter pulses are lost
-            (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
-        line_left: LineMode and LineInverter of each line, as another program has left them; None: it has no such
-            features. An inverter turns edges round before anything else ("after any processing by the line inverter
-            module", Teledyne Linea HS manual), and an output takes none.
-        shutters: Entries of SensorShutterMode, that at power-up first; none: it has no such feature. Behind "Rolling"
-            each quarter of the rows begins and ends later than the one above it, the last one by `readout_s`.
-        link: DeviceLinkThroughputLimit in bytes a second and its mode, as another program has left them; None: it has
-            no such features. "If a DeviceLinkThroughputLimit is set and the unlimited link speed exceeds the set limit,
-            the acquisition frame rate would be adjusted" (Balluff CA-SF, Optimizing the bandwidth); triggers before
-            that are lost, as before AcquisitionFrameRate allows them.
     """
 
     height: int = 64
     width: int = 96
     formats: tuple[str, ...] = ("Mono12", "Mono8", "Mono10", "Mono12p", "Mono10p", "Mono12Packed", "BayerRG12")
-    padding_bytes: int = 0
-    transport: Literal["GEV", "U3V"] = "GEV"
     trigger_input: str = "Line1"
-    gated: bool = True
     stamps: Stamps = "start-of-exposure"
-    stamped: bool = True
-    chunks: bool = True
     clock_epoch_s: float = 4242.0
     clock_ppm: float = 40.0
     ready_s: float = 0.01
-    tells: Literal["time", "rate", "limit", "nothing"] = "time"
-    least_delay_us: float = 0.0
-    locks_triggers: bool = False
-    has_activation: bool = True
-    has_selector: bool = True
-    goes_on: bool = False
-    gain_unit: str = "dB"
-    time_unit: Literal["us", "ms", "ns", "px"] = "us"
-    auto_gain: float = 0.0
-    processing: bool = False
-    debouncer_us: tuple[float, float] | None = None
-    line_left: tuple[Literal["Input", "Output"], bool] | None = None
-    shutters: tuple[str, ...] = ()
-    link: tuple[int, Literal["On", "Off"]] | None = None
 
 
 def bits_of(name: str) -> int:
@@ -130,18 +81,13 @@ def bits_of(name: str) -> int:
     return BITS[digits]
 
 
-def pack_pfnc(pixels: U16, name: str, padding_bytes: int = 0) -> bytes:
-    """Pack pixels, [H, W] uint16, as a camera sends them; padding bytes are 0xA5.
+def pack_pfnc(pixels: U16, name: str) -> U8:
+    """Pack the pixels of each row, [H, W] uint16, to bytes, [H, bytes].
 
     PFNC 2.4: "p" is one stream of bits, the lowest bit of the first pixel first (written here bit by bit); "Packed"
     puts the high eight bits of two pixels around a byte with the low bits of both, those of the first in its low half.
     """
-    rows = pixels if padding_bytes else pixels.reshape(1, -1)
-    packed = _pack_rows(rows.astype(np.uint32), name)
-    return np.pad(packed, ((0, 0), (0, padding_bytes)), constant_values=0xA5).tobytes()
-
-
-def _pack_rows(rows: np.ndarray[tuple[int, int], np.dtype[np.uint32]], name: str) -> U8:
+    rows = pixels.astype(np.uint32)
     bits = bits_of(name)
     if bits == 8:
         return rows.astype(np.uint8)
@@ -191,22 +137,22 @@ class GenicamTwin:
         self._latched_ns = 0
         self._clock_zero_s = self._clock.now_s() - self.model.clock_epoch_s
         self._never_ready = False
-        self.nodes = NodeTable(self._make_nodes(), lambda: self.streaming)
-        self._shutter = CameraShutter(
+        self._power_up()
+        self._shutter = self._made_shutter(
             world,
             self.model,
             self.faults,
             rng=rng or np.random.default_rng(0),
             exposure_s=self._exposure_s,
             deliver=self._deliver,
-            active_low=lambda: (
-                (self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge")
-                != bool(self._of_line("LineInverter", absent=False))
-            ),
-            delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
-            least_period_s=self._least_period_s,
-            debounce_s=self._debounce_s,
+            active_low=self._active_low,
+            delay_s=lambda: self.nodes.of_number("TriggerDelay", FRAME) * self._unit_s,
         )
+
+    def _power_up(self) -> None:
+        self.nodes = NodeTable(in_categories(self._make_nodes()), lambda: self.streaming)
+
+    _made_shutter = CameraShutter
 
     @property
     def region(self) -> tuple[int, int, int, int]:
@@ -223,7 +169,7 @@ class GenicamTwin:
         """Plug the camera in again, with its default settings."""
         if not self._plugged:
             self._plugged = True
-            self.nodes = NodeTable(self._make_nodes(), lambda: self.streaming)
+            self._power_up()
 
     def list_cameras(self, producer: str) -> list[CameraIdentity]:
         """List the camera if it is plugged in."""
@@ -270,10 +216,7 @@ class GenicamTwin:
         """Write a feature."""
         self._alive(f"write {name}")
         self._refuse(name)
-        automatic = name == "GainAuto" and self.nodes.read(name) != "Off"
         self.nodes.write(name, value)
-        if automatic and value == "Off":
-            self.nodes.write("Gain", self.model.auto_gain)
 
     def execute(self, name: str) -> None:
         """Run a command, which takes a while."""
@@ -286,21 +229,16 @@ class GenicamTwin:
         """Begin the acquisition."""
         self._alive("AcquisitionStart")
         del chunks  # frames carry the chunks that ChunkEnable selects, whatever is requested here
-        self._buffers, self.streaming = buffers, True
-        if not self.model.goes_on:
-            self._frames = 0
+        self._buffers, self.streaming, self._frames = buffers, True, 0
         self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take(NEVER_READY) is not None
-        others = ("AcquisitionStart", "FrameBurstStart") if self.model.has_selector else ()
+        others = ("AcquisitionStart", "FrameBurstStart") if "TriggerSelector" in self.nodes else ()
         if any(self.nodes.of("TriggerMode", other) == "On" for other in others):
             return buffers  # the camera waits for another kind of trigger, which is never sent
-        if self._trigger("TriggerMode", "Off") == "Off":
+        if self.nodes.of("TriggerMode", FRAME) == "Off":
             self._shutter.start(Shutting.FREE)
-        elif (
-            self._trigger("TriggerSource", "") == self.model.trigger_input
-            and self._of_line("LineMode", absent="Input") == "Input"
-        ):
+        elif self._wired():
             gated = self.nodes.read("ExposureMode") == "TriggerWidth"
             how = Shutting.LEVEL if gated else Shutting.EDGE
             self._clock.after(self.model.ready_s, lambda: self._shutter.start(how) if self.streaming else None)
@@ -348,7 +286,7 @@ class GenicamTwin:
             raise FeatureRefusalError(f"{asked}: access denied")
 
     def _identity(self) -> CameraIdentity:
-        return CameraIdentity("Twin", "Sfnc 2.7", "0001", self.model.transport)
+        return CameraIdentity("Twin", "Sfnc 2.7", "0001", "GEV")
 
     def _ready(self) -> bool:
         waited_s = self._clock.now_s() - self._began_s
@@ -375,74 +313,40 @@ class GenicamTwin:
         }[self.model.stamps]
         if self.faults.take(LOST) or len(self._full) >= self._buffers:
             return
-        stamp = self._camera_ns(stamped_s) if self.model.stamped else None
-        data = pack_pfnc(pixels, name, self.model.padding_bytes)
-        buffer = CameraBuffer(
-            data,
-            True,
-            number % SHORT_IDS + 1 if self.model.transport == "GEV" else number,
-            stamp,
-            height,
-            width,
-            self.model.padding_bytes,
-            self._chunks(stamp, exposed),
-        )
+        buffer = self._sent(pixels, name, number, self._camera_ns(stamped_s), exposed)
         if self.faults.take(INCOMPLETE):
             buffer = CameraBuffer(b"", False, -1, None)
         if self.faults.take(OTHER_SIZE):
             buffer = replace(buffer, height=height - 2)
         self._full.append(buffer)
 
-    def _trigger(self, name: str, absent: FeatureValue) -> FeatureValue:
-        """Return a property of the trigger FrameStart, or what holds where the camera has no such feature."""
-        return self.nodes.of(name, "FrameStart") if name in self.nodes else absent
+    def _sent(self, pixels: U16, name: str, number: int, stamp: int, exposed: Exposed) -> CameraBuffer:
+        data, chunks = pack_pfnc(pixels.reshape(1, -1), name).tobytes(), self._chunks(stamp, exposed)
+        height, width = pixels.shape
+        return CameraBuffer(data, True, number % SHORT_IDS + 1, stamp, height, width, chunks=chunks)
 
-    def _of_line(self, name: str, *, absent: FeatureValue) -> FeatureValue:
-        """Return a property of the trigger's line, or what holds where the camera has no such feature."""
-        return self.nodes.of(name, self.model.trigger_input) if self.model.line_left else absent
+    def _chunks(self, stamp: int, exposed: Exposed) -> dict[str, float]:
+        told = {"Timestamp": stamp, "ExposureTime": (exposed.end_s - exposed.start_s) / US}
+        active = self.nodes.read("ChunkModeActive")
+        return {f"Chunk{entry}": one for entry, one in told.items() if active and self.nodes.of("ChunkEnable", entry)}
 
-    @property
-    def _unit_s(self) -> float:
-        return TIME_UNITS_S[self.model.time_unit]
+    def _active_low(self) -> bool:
+        return self.nodes.of("TriggerActivation", FRAME) == "FallingEdge"
+
+    def _wired(self) -> bool:
+        """Return whether it is triggered by the line that is wired."""
+        return self.nodes.of("TriggerSource", FRAME) == self.model.trigger_input
+
+    _unit_s: float = US
+    """Unit of its times."""
 
     def _exposure_s(self) -> float:
         return self.nodes.number("ExposureTime") * self._unit_s
 
-    def _delay_node(self) -> tuple[float, Callable[[], float], Callable[[], float], float]:
-        """Return value, limits and step of TriggerDelay: up to 1 s in steps of 0.1 us, in the camera's unit."""
-        per_us = US / self._unit_s
-        least = self.model.least_delay_us * per_us
-        return least, lambda: least, lambda: 1e6 * per_us, 0.1 * per_us
-
-    def _exposure_node(self) -> tuple[float, Callable[[], float], Callable[[], float], float]:
-        """Return value, limits and step of ExposureTime: 20 us to 10 s in steps of 0.5 us, in the camera's unit."""
-        per_us = US / self._unit_s
-        return 10_000.0 * per_us, lambda: 20.0 * per_us, lambda: 10e6 * per_us, 0.5 * per_us
-
-    def _debounce_s(self) -> float:
-        return (
-            float(self.nodes.of("LineDebouncerTime", self.model.trigger_input)) * US if self.model.debouncer_us else 0.0
-        )
-
-    def _least_period_s(self) -> float:
-        limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
-        rate_s = 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
-        if not self.model.link or self.nodes.read("DeviceLinkThroughputLimitMode") == "Off":
-            return rate_s
-        return max(rate_s, self._payload_bytes() / self.nodes.number("DeviceLinkThroughputLimit"))
-
-    def _payload_bytes(self) -> int:
-        _, _, height, width = self.region
-        name = str(self.nodes.read("PixelFormat"))
-        return len(pack_pfnc(np.zeros((height, width), np.uint16), name, self.model.padding_bytes))
-
     def _pixels(self, exposed: Exposed, height: int, width: int, bits: int) -> U16:
         """Return the camera's readings of its light with the settings that were left on it, [H, W]."""
         down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
-        size = {"height": height * down, "width": width * right}
-        rolls = self.model.shutters and self.nodes.read("SensorShutterMode") == "Rolling"
-        skew_s, integrate = self.model.readout_s if rolls else 0.0, partial(self._world.integrate, **size, bits=bits)
-        pixels = by_rows(exposed, skew_s, size["height"], integrate)
+        pixels = self._integrate(exposed, height * down, width * right, bits)
         top = (1 << bits) - 1
         binned = pixels.reshape(height, down, width, right).sum(axis=(1, 3), dtype=np.uint32)
         shares = np.minimum(binned, top) / top
@@ -451,37 +355,24 @@ class GenicamTwin:
         bent = np.rint(top * shares ** self.nodes.number("Gamma")).astype(np.uint16)
         if self.nodes.read("ReverseX"):
             bent = bent[:, ::-1]
-        return process(np.ascontiguousarray(bent), top, self.nodes, factor=self.model.gain_unit != "dB")
+        return self._processed(np.ascontiguousarray(bent), top)
 
-    def _chunks(self, stamp: int | None, exposed: Exposed) -> dict[str, float]:
-        if not self.model.chunks or not self.nodes.read("ChunkModeActive"):
-            return {}
-        told: dict[str, float | None] = {
-            "Timestamp": stamp,
-            "ExposureTime": (exposed.end_s - exposed.start_s) / US,
-        }
-        return {
-            f"Chunk{entry}": value
-            for entry, value in told.items()
-            if value is not None and self.nodes.of("ChunkEnable", entry)
-        }
+    def _integrate(self, exposed: Exposed, height: int, width: int, bits: int) -> U16:
+        return self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits)
 
-    def _highest_rate_hz(self) -> float:
-        return 1 / max(self.model.own_period_s, self._exposure_s() + self.model.readout_s)
-
-    def _rate_limit_hz(self) -> float:
-        return self._highest_rate_hz() if self.model.tells == "limit" else FIXED_LIMIT_HZ
+    def _processed(self, pixels: U16, top: int) -> U16:
+        gain = 10 ** (self.nodes.number("Gain") / 20)
+        return np.minimum(np.rint(pixels * gain), top).astype(np.uint16)
 
     def _make_nodes(self) -> dict[str, Node]:
         model = self.model
         triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
         inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
-        least_gain = 0.0 if model.gain_unit == "dB" else 1.0
-        nodes = {
+        return {
             **self._sizes(),
             "PixelFormat": Node("enumeration", model.formats[0], symbols=model.formats, locked=True),
             "AcquisitionMode": Node("enumeration", "Continuous", symbols=("Continuous", "SingleFrame")),
-            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, self._rate_limit_hz, 1e-3),
+            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, lambda: FIXED_LIMIT_HZ, 1e-3),
             "AcquisitionStatusSelector": Node(
                 "enumeration", "FrameTriggerWait", symbols=("FrameTriggerWait", "ExposureActive")
             ),
@@ -492,14 +383,12 @@ class GenicamTwin:
             "TriggerActivation": Node(
                 "enumeration", "RisingEdge", symbols=("RisingEdge", "FallingEdge"), selector="TriggerSelector"
             ),
-            "TriggerDelay": Node("float", *self._delay_node(), selector="TriggerSelector", unit=model.time_unit),
-            "ExposureMode": Node(
-                "enumeration", "Timed", symbols=("Timed", "TriggerWidth") if model.gated else ("Timed",)
-            ),
+            "TriggerDelay": Node("float", 0.0, high=lambda: 1e6, step=0.1, selector="TriggerSelector", unit="us"),
+            "ExposureMode": Node("enumeration", "Timed", symbols=("Timed", "TriggerWidth")),
             "ExposureAuto": Node("enumeration", "Continuous", symbols=("Off", "Continuous")),
-            "ExposureTime": Node("float", *self._exposure_node(), unit=model.time_unit),
+            "ExposureTime": Node("float", 10_000.0, lambda: 20.0, lambda: 10e6, 0.5, unit="us"),
             "GainAuto": Node("enumeration", "Off", symbols=("Off", "Continuous")),
-            "Gain": Node("float", least_gain, lambda: least_gain, lambda: 24.0, 0.1, unit=model.gain_unit),
+            "Gain": Node("float", 0.0, high=lambda: 24.0, step=0.1, unit="dB"),
             "DeviceTemperature": Node("float", 41.5, fixed=True),
             # Only a loss of power or UserSetLoad resets these: another program may have left them.
             "BinningHorizontal": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
@@ -507,51 +396,13 @@ class GenicamTwin:
             "ReverseX": Node("boolean", False, locked=True),
             "Gamma": Node("float", 1.0, lambda: 0.25, lambda: 4.0, 0.01),
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
+            "SensorReadoutTime": Node("float", model.readout_s / US, fixed=True),
+            "TimestampLatch": Node("command", run=self._latch),
+            "TimestampLatchValue": Node("integer", fixed=True, read=lambda: self._latched_ns),
+            "ChunkModeActive": Node("boolean", False),
+            "ChunkSelector": Node("enumeration", "Image", symbols=("Image", "Timestamp", "ExposureTime")),
+            "ChunkEnable": Node("boolean", False, selector="ChunkSelector"),
         }
-        self._vary(nodes)
-        if model.debouncer_us is not None or model.line_left is not None:
-            nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
-        if model.line_left is not None:
-            way, inverted = model.line_left
-            nodes["LineMode"] = Node("enumeration", way, symbols=("Input", "Output"), selector="LineSelector")
-            nodes["LineInverter"] = Node("boolean", inverted, selector="LineSelector")
-        if model.debouncer_us is not None:
-            found_us, least_us = model.debouncer_us
-            nodes["LineDebouncerTime"] = Node(
-                *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
-            )
-        if model.link is not None:
-            nodes["PayloadSize"] = Node("integer", fixed=True, read=self._payload_bytes)
-            nodes["DeviceLinkThroughputLimit"] = Node(
-                "integer", model.link[0], lambda: 1000.0, lambda: 400e6, locked=True, unit="Bps"
-            )
-            nodes["DeviceLinkThroughputLimitMode"] = Node("enumeration", model.link[1], symbols=("On", "Off"))
-        if model.shutters:
-            nodes["SensorShutterMode"] = Node("enumeration", model.shutters[0], symbols=model.shutters, locked=True)
-        if model.tells == "time":
-            nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
-        if model.tells == "rate":
-            nodes["ResultingFrameRate"] = Node("float", fixed=True, read=self._highest_rate_hz)
-        if model.stamped:
-            nodes["TimestampLatch"] = Node("command", run=self._latch)
-            nodes["TimestampLatchValue"] = Node("integer", fixed=True, read=lambda: self._latched_ns)
-        if model.chunks:
-            nodes["ChunkModeActive"] = Node("boolean", False)
-            nodes["ChunkSelector"] = Node("enumeration", "Image", symbols=("Image", "Timestamp", "ExposureTime"))
-            nodes["ChunkEnable"] = Node("boolean", False, selector="ChunkSelector")
-        return in_categories(nodes | (further_features() if model.processing else {}))
-
-    def _vary(self, nodes: dict[str, Node]) -> None:
-        """Leave out what the camera has not, and lock what is locked while its trigger is on."""
-        if not self.model.has_activation:
-            del nodes["TriggerActivation"]
-        for name, node in nodes.items():
-            if self.model.locks_triggers and name in ("TriggerSource", "TriggerActivation", "TriggerDelay"):
-                node.barred = lambda: self.nodes.read("TriggerMode") == "On"
-            if not self.model.has_selector:
-                node.selector = "" if node.selector == "TriggerSelector" else node.selector
-        if not self.model.has_selector:
-            del nodes["TriggerSelector"]
 
     def _sizes(self) -> dict[str, Node]:
         """Return the nodes of size and offset, whose sum is limited to the pixel array."""

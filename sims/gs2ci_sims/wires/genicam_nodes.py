@@ -11,12 +11,33 @@ Here: `NodeTable`: values, limits, locks. Not here: the camera behind them (`gen
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from gs2ci_drivers.ports import Feature, FeatureRefusalError, FeatureValue
 
 Kind = Literal["integer", "float", "boolean", "enumeration", "string", "command", "other"]
 Limit = Callable[[], float]
+CATEGORIES: Final = {
+    "ImageFormatControl": (
+        "Width",
+        "Height",
+        "Offset",
+        "PixelFormat",
+        "Binning",
+        "Decimation",
+        "Reverse",
+        "TestPattern",
+    ),
+    "AcquisitionControl": ("Acquisition", "Trigger", "Exposure", "SensorShutter"),
+    "AnalogControl": ("Gain", "Gamma", "Black", "Balance"),
+    "ChunkDataControl": ("Chunk",),
+    "LUTControl": ("LUT",),
+    "ColorTransformationControl": ("ColorTransformation",),
+    "DeviceControl": ("Device", "Timestamp"),
+    "DigitalIOControl": ("Line",),
+    "ImageProcessingControl": ("",),
+}
+"""Category -> how the names of its features begin; the last one holds the rest."""
 
 
 @dataclass
@@ -37,8 +58,6 @@ class Node:
         run: Executes it if it is a command.
         category: The chapter that it belongs to; features without one are not listed.
         unit: The unit of its value.
-        barred: Tells whether it is locked for another reason than streaming.
-        default: Its value at power-up.
     """
 
     kind: Kind
@@ -55,16 +74,6 @@ class Node:
     by_entry: dict[str, FeatureValue] = field(default_factory=dict)
     category: str = ""
     unit: str = ""
-    barred: Callable[[], bool] = lambda: False
-    default: FeatureValue = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.default = self.value
-
-    @property
-    def is_off(self) -> bool:
-        """Get whether its value, or that of any of its selector's entries, differs from the one at power-up."""
-        return any(value != self.default for value in (self.value, *self.by_entry.values()))
 
 
 class NodeTable:
@@ -82,17 +91,9 @@ class NodeTable:
     def __contains__(self, name: str) -> bool:
         return name in self._nodes
 
-    def add(self, name: str, node: Node) -> None:
-        """Give the camera a further feature."""
-        self._nodes[name] = node
-
     def list(self) -> list[tuple[str, str]]:
         """Return category and name of each feature."""
         return [(node.category, name) for name, node in self._nodes.items() if node.category]
-
-    def off(self) -> dict[str, Node]:
-        """Return the features that are off their values at power-up."""
-        return {name: node for name, node in self._nodes.items() if node.is_off}
 
     def describe(self, name: str) -> Feature | None:
         """Return a feature's present value and limits; None if it does not exist."""
@@ -102,7 +103,7 @@ class NodeTable:
         return Feature(
             kind=node.kind,
             readable=node.kind != "command",
-            writable=not (node.fixed or node.barred() or (node.locked and self._streaming())),
+            writable=not (node.fixed or (node.locked and self._streaming())),
             low=node.low(),
             high=node.high(),
             step=node.step,
@@ -140,8 +141,6 @@ class NodeTable:
             raise FeatureRefusalError(f"{name} cannot be written")
         if node.locked and self._streaming():
             raise FeatureRefusalError(f"{name} is locked while streaming (TLParamsLocked)")
-        if node.barred():
-            raise FeatureRefusalError(f"{name} is not writable now")
         if node.kind == "enumeration" and value not in node.symbols:
             raise FeatureRefusalError(f"{name} has no entry {value!r}")
         if node.kind in ("integer", "float"):
@@ -171,6 +170,10 @@ class NodeTable:
         """Return a number."""
         return float(self.read(name))
 
+    def of_number(self, name: str, entry: str) -> float:
+        """Return a number that a selected feature has for one entry of its selector."""
+        return float(self.of(name, entry))
+
     def _entry(self, node: Node) -> str:
         return str(self._nodes[node.selector].value)
 
@@ -178,3 +181,11 @@ class NodeTable:
         if name not in self._nodes:
             raise FeatureRefusalError(f"there is no feature {name}")
         return self._nodes[name]
+
+
+def in_categories(nodes: dict[str, Node]) -> dict[str, Node]:
+    """Return the features, each with its category unless it has one."""
+    for name, node in nodes.items():
+        begins = ((category, start) for category, starts in CATEGORIES.items() for start in starts)
+        node.category = node.category or next(category for category, start in begins if name.startswith(start))
+    return nodes

@@ -5,7 +5,7 @@ of the readout is lost, which the frame numbers do not show. Not here: the camer
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -87,10 +87,6 @@ class CameraShutter:
         active_low: Returns whether it exposes while its line is low.
         delay_s: Returns the delay that is set between a trigger and its exposure.
         longer_ppm: By how much its second is longer than the world's.
-        ignored_triggers: Edges lost after each start.
-        least_period_s: Returns the shortest time from one exposure to the next that a limit of the frame rate allows;
-            an edge before that is lost.
-        debounce_s: Returns for how long a level has to last before it counts; edges act that much later.
     """
 
     def __init__(
@@ -105,9 +101,6 @@ class CameraShutter:
         active_low: Callable[[], bool],
         delay_s: Callable[[], float] = lambda: 0.0,
         longer_ppm: float = 0.0,
-        ignored_triggers: int = 0,
-        least_period_s: Callable[[], float] = lambda: 0.0,
-        debounce_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._clock = world.clock
         self._model = model
@@ -118,22 +111,17 @@ class CameraShutter:
         self._active_low = active_low
         self._delay_s = delay_s
         self._longer_ppm = longer_ppm
-        self._ignored_triggers = ignored_triggers
-        self._least_period_s = least_period_s
-        self._debounce_s = debounce_s
-        self._latest: Edge | None = None
         self._how: Shutting | None = None
         self._pending: list[Event] = []
         self._busy_until_s = 0.0
         self._opened_s: float | None = None
-        self._edges = 0
         self._stalled = False
         if model.trigger_line:
             world.bus.listen(model.trigger_line, self._on_edge)
 
     def start(self, how: Shutting) -> None:
         """Begin to expose, triggered by `how`."""
-        self._how, self._stalled, self._edges = how, False, 0
+        self._how, self._stalled = how, False
         self._opened_s, self._busy_until_s = None, self._clock.now_s()
         if how is Shutting.FREE:
             self._plan(self._clock.now_s(), self._free_run)
@@ -159,14 +147,6 @@ class CameraShutter:
         return seconds * (1 + self._longer_ppm * 1e-6)
 
     def _on_edge(self, edge: Edge) -> None:
-        self._latest, wait_s = edge, self._debounce_s()
-        if wait_s <= 0:
-            self._act(edge)
-            return
-        later = replace(edge, when_s=edge.when_s + wait_s)
-        self._plan(later.when_s, lambda: self._act(later) if self._latest is edge else None)
-
-    def _act(self, edge: Edge) -> None:
         if edge.level is not self._active_low():
             self._on_rise(edge.when_s)
         elif self._how is Shutting.LEVEL and self._opened_s is not None:
@@ -177,8 +157,7 @@ class CameraShutter:
     def _on_rise(self, when_s: float) -> None:
         if self._how not in (Shutting.EDGE, Shutting.LEVEL) or when_s < self._busy_until_s:
             return
-        self._edges += 1
-        if self._edges <= self._ignored_triggers or self._faults.take(TRIGGER_MISSED):
+        if self._faults.take(TRIGGER_MISSED):
             return
         jitter_s = self._model.jitter_s * self._rng.standard_normal()
         start_s = when_s + self._delay_s() + max(0.0, self._model.latency_s + jitter_s)
@@ -192,7 +171,7 @@ class CameraShutter:
 
     def _expose(self, start_s: float, end_s: float) -> None:
         read_s = end_s + self._model.readout_s
-        self._busy_until_s = max(read_s, start_s + self._least_period_s())
+        self._busy_until_s = read_s
         if self._stalled or self._faults.take(STALLED):
             self._stalled = True
             return

@@ -46,6 +46,8 @@ class V4l2Twin:
         subdevice: Its sensor's node, if the model has its controls there.
     """
 
+    _made_device = CaptureDevice
+
     def __init__(
         self,
         world: World,
@@ -61,7 +63,7 @@ class V4l2Twin:
         self.calls: deque[str] = deque(maxlen=CALLS_KEPT)
         """Names of the latest calls, for tests of their order."""
         self._clock = world.clock
-        self._device = CaptureDevice(world, self.model, self.faults, rng or np.random.default_rng(0))
+        self._device = self._made_device(world, self.model, self.faults, rng or np.random.default_rng(0))
         self._nodes = {path: False} | ({subdevice: True} if self.model.on_subdevice else {})
         self._parameter = f"/sys/module/{self.model.module}/parameters/trigger_mode"
         self._files: dict[int, OpenFile] = {}

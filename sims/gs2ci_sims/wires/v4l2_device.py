@@ -10,23 +10,17 @@ Here: `CaptureDevice`. Not here: descriptors, files and poll (`v4l2`), exposures
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from errno import EBUSY, EINVAL, ENOENT, ENOTTY, EPIPE
+from errno import EBUSY, EINVAL, ENOENT, EPIPE
 from functools import partial
 
 import numpy as np
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting, by_rows
 from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, CameraModel, pack_frame
 from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
-from gs2ci_sims.wires.v4l2_queue import (
-    FLAG_ERROR,
-    FLAG_LAST,
-    FLAG_MONOTONIC,
-    FLAG_START_STAMP,
-    BufferRing,
-    Filled,
-)
+from gs2ci_sims.wires.v4l2_queue import FLAG_ERROR, FLAG_LAST, FLAG_MONOTONIC, FLAG_START_STAMP, BufferRing, Filled
 from gs2ci_sims.world import World
 
 BUFFERS_FEWER = declare("v4l2.buffers_fewer", "the kernel gives `value` buffers only")
@@ -46,8 +40,10 @@ STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer fails instead of a f
 STREAM_ENDED = declare("v4l2.stream_ended", "the camera ends the stream (LAST, then EPIPE)")
 SOURCE_CHANGED = declare("v4l2.source_changed", "the event SOURCE_CHANGE instead of a frame")
 
-SINGLE, MULTI = 1, 9
-CAP_CAPTURE, CAP_CAPTURE_MULTI, CAP_STREAMING, CAP_DEVICE = 0x1, 0x1000, 0x04000000, 0x80000000
+CAP_CAPTURE, CAP_STREAMING, CAP_DEVICE = 0x1, 0x04000000, 0x80000000
+MAX_BUFFERS = 32
+POWER_DOWN_S = 1.0
+"""Time after a stop for which a sensor stays powered; the module's parameter is read at power-up."""
 KERNEL_VERSION = 6 << 16 | 1 << 8
 EVENT_END, EVENT_SOURCE = 2, 5
 BUS_CODES = {
@@ -97,6 +93,8 @@ class CaptureDevice:
         rng: Draws jitter.
     """
 
+    _made_shutter, _made_ring, _made_bank = CameraShutter, BufferRing, ControlBank
+
     def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: np.random.Generator) -> None:
         self.parameter = b"0"
         """The module's parameter `trigger_mode`; unplugging does not reset it."""
@@ -108,7 +106,7 @@ class CaptureDevice:
         self._number = 0
         self._runs = 0
         self._files: list[OpenFile] = []
-        self._shutter = CameraShutter(
+        self._shutter = self._made_shutter(
             world,
             model,
             faults,
@@ -117,7 +115,6 @@ class CaptureDevice:
             deliver=self._on_frame,
             active_low=lambda: model.active_low,
             longer_ppm=model.clock_ppm,
-            ignored_triggers=model.ignored_triggers,
         )
         self.power_up()
         self.requests = self._table()
@@ -139,13 +136,13 @@ class CaptureDevice:
     def power_up(self) -> None:
         """Set the state of a camera that has just been plugged in."""
         model = self._model
-        self.ring = BufferRing(MULTI if model.multi_plane else SINGLE, model.header_bytes if model.multi_plane else 0)
+        self.ring = self._made_ring()
         self._owner: OpenFile | None = None
         self._code = model.formats[0]
         self._size = self._bus_size = (model.height, model.width)
         self.region = (0, 0, model.height, model.width)
         """First row and column, rows and columns that are read out."""
-        self._controls = ControlBank(model, self._faults, lambda: self.ring.streaming)
+        self._controls = self._made_bank(model, self._faults, lambda: self.ring.streaming)
 
     def power_down(self) -> None:
         """Stop at once, as when the camera is unplugged."""
@@ -200,7 +197,7 @@ class CaptureDevice:
     # ---- identity and formats
 
     def _querycap(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
-        caps = CAP_STREAMING | (CAP_CAPTURE_MULTI if self._model.multi_plane else CAP_CAPTURE)
+        caps = CAP_STREAMING | CAP_CAPTURE
         struct.pack_into("<16s32s32s", argument, 0, self._model.driver.encode(), b"Twin camera", b"platform:twin")
         struct.pack_into("<III", argument, 80, KERNEL_VERSION, caps | CAP_DEVICE, caps)
 
@@ -278,11 +275,7 @@ class CaptureDevice:
         height, width = size
         stride = self._model.stride(code, width)
         struct.pack_into("<II4sI", argument, 8, width, height, code.encode(), 1)
-        if kind == SINGLE:
-            struct.pack_into("<II", argument, 24, stride, stride * height)
-        else:
-            struct.pack_into("<II", argument, 28, stride * height + self._model.header_bytes, stride)
-            struct.pack_into("<B", argument, 188, 1)
+        struct.pack_into("<II", argument, 24, stride, stride * height)
 
     def _subdev_s_fmt(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
         _, pad, width, height, bus = struct.unpack_from("<IIIII", argument, 0)
@@ -303,9 +296,8 @@ class CaptureDevice:
     def _reqbufs(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
         self._own(file)
         fewer = self._faults.take(BUFFERS_FEWER)
-        most = self._model.max_buffers if fewer is None else int(fewer.value)
-        size = self._model.stride(self._code, self._size[1]) * self._size[0] + self._model.header_bytes
-        self.ring.request(argument, size, most)
+        most = MAX_BUFFERS if fewer is None else int(fewer.value)
+        self.ring.request(argument, self._model.stride(self._code, self._size[1]) * self._size[0], most)
         self._owner = file if self.ring.count else None
 
     def _qbuf(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
@@ -323,11 +315,11 @@ class CaptureDevice:
             raise OSError(EPIPE, "the formats along the pipeline differ")
         self.ring.start()
         first = self._faults.take(FIRST_NUMBER)
-        if first is not None:
-            self._number = int(first.value)
-        elif self._model.restarts_numbers:
-            self._number = self._model.first_number
+        self._number = self._first_number() if first is None else int(first.value)
         self._shutter.start(self._rule())
+
+    def _first_number(self) -> int:
+        return 0
 
     def _rule(self) -> Shutting:
         """Return the event that begins an exposure; the module's parameter is read when the sensor powers up."""
@@ -348,7 +340,7 @@ class CaptureDevice:
 
     def _halt(self) -> None:
         if self.ring.streaming:
-            self._powered_until_s = self._world.clock.now_s() + self._model.power_down_s
+            self._powered_until_s = self._world.clock.now_s() + POWER_DOWN_S
         self._runs += 1
         self._shutter.stop()
         self.ring.stop()
@@ -357,8 +349,6 @@ class CaptureDevice:
 
     def _subscribe(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
         (kind,) = struct.unpack_from("<I", argument, 0)
-        if not self._model.has_events:
-            raise OSError(ENOTTY, "SUBSCRIBE_EVENT")
         if kind not in (EVENT_END, EVENT_SOURCE):
             raise OSError(EINVAL, "SUBSCRIBE_EVENT")
         file.subscribed.add(kind)
@@ -396,11 +386,11 @@ class CaptureDevice:
         if run != self._runs or not self.ring.queued:
             return  # without a buffer the light of the frame need not be computed
         data = self._picture(exposed)
-        filled = Filled(self.ring.header_bytes + data.size, self._flags(), self._stamp_ns(exposed), number)
+        filled = Filled(data.size, self._flags(), self._stamp_ns(exposed), number)
         if self._faults.take(FRAME_CORRUPT):
             filled.flags |= FLAG_ERROR
         if self._faults.take(FRAME_SHORT):
-            filled.bytes_used = self.ring.header_bytes + data.size // 2
+            filled.bytes_used = data.size // 2
         if self._faults.take(STREAM_ENDED):
             filled.flags, filled.bytes_used, self.ring.ended = filled.flags | FLAG_LAST, 0, True
         if self._faults.take(FRAME_REPEATED):
@@ -408,25 +398,26 @@ class CaptureDevice:
         self.ring.fill(data, filled)
 
     def _flags(self) -> int:
-        return (FLAG_MONOTONIC if self._model.monotonic else 0) | (FLAG_START_STAMP if self._model.flags_start else 0)
+        return FLAG_MONOTONIC | (FLAG_START_STAMP if self._model.flags_start else 0)
 
     def _stamp_ns(self, exposed: Exposed) -> int:
         stale = self._faults.take(FRAME_STALE)
         times_s = {"start-of-exposure": exposed.start_s, "start-of-frame": exposed.end_s}
         when_s = times_s.get(self._model.stamps, self._world.clock.now_s())
-        if self._model.realtime or self._faults.take(FRAME_REALTIME):
+        if self._faults.take(FRAME_REALTIME):
             when_s += REALTIME_S
         return round((when_s - (stale.value if stale else 0.0)) * 1e9)
 
-    def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    def _picture(self, exposed: Exposed) -> U8:
         height, width = self._size
         bits = self._model.bits(self._code)
         integrate = partial(self._world.integrate, height=height, width=width, bits=bits)
         pixels = by_rows(exposed, height * self._model.line_s if self._model.rolls else 0.0, height, integrate)
         pixels = self._controls.process(pixels, (1 << bits) - 1)
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
-        shift = 16 - bits if words and self._model.left_aligned else 0
         if self._faults.take(FRAME_NOISY) and words and BITS[self._code] < 16:
             pixels = pixels | np.uint16(1 << 15)
-        repeats = self._model.repeats_top and shift > 0
-        return pack_frame(pixels, self._code, self._model.stride(self._code, width), shift, repeats_top=repeats)
+        return self._packed(pixels)
+
+    def _packed(self, pixels: U16) -> U8:
+        return pack_frame(pixels, self._code, self._model.stride(self._code, pixels.shape[1]))

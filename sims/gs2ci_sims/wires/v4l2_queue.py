@@ -8,7 +8,7 @@ import mmap
 import struct
 from collections import deque
 from dataclasses import dataclass, field
-from errno import EAGAIN, EBUSY, EFAULT, EINVAL, EIO, EPIPE
+from errno import EAGAIN, EBUSY, EINVAL, EIO, EPIPE
 
 from gs2ci.core.arrays import U8
 
@@ -41,12 +41,10 @@ class BufferRing:
     """The buffers of one capture queue.
 
     Args:
-        kind: Buffer type: 1 single-plane, 9 multi-plane.
-        header_bytes: Header before the pixels (multi-plane only).
+        kind: Buffer type: 1 single-plane.
     """
 
-    kind: int
-    header_bytes: int = 0
+    kind: int = 1
     streaming: bool = False
     broken: bool = False
     ended: bool = False
@@ -95,7 +93,7 @@ class BufferRing:
         """Answer VIDIOC_QUERYBUF.
 
         Raises:
-            OSError: EINVAL: type or index; EFAULT: no plane to write to.
+            OSError: EINVAL: type or index.
         """
         slot, index = self._slot(argument)
         self._write(argument, payload, index, slot)
@@ -116,7 +114,7 @@ class BufferRing:
         """Answer VIDIOC_QBUF.
 
         Raises:
-            OSError: EINVAL: type, memory, index, or queued already; EFAULT: no plane.
+            OSError: EINVAL: type, memory, index, or queued already.
         """
         slot, index = self._slot(argument)
         (memory,) = struct.unpack_from("<I", argument, 60)
@@ -169,8 +167,7 @@ class BufferRing:
         index = self._waiting.popleft()
         slot = self._slots[index]
         if not slot.memory.closed:
-            end = self.header_bytes + data.size
-            slot.memory[self.header_bytes : end] = data.tobytes()
+            slot.memory[: data.size] = data.tobytes()
         slot.queued, slot.filled = False, filled
         self._done.append(index)
         return True
@@ -182,7 +179,7 @@ class BufferRing:
         return self._slots[index], index
 
     def _write(self, argument: bytearray, payload: bytearray | None, index: int, slot: _Slot) -> None:
-        """Write struct v4l2_buffer, and struct v4l2_plane behind its pointer for the multi-plane interface."""
+        """Write struct v4l2_buffer."""
         filled = slot.filled or Filled(0, 0, 0, 0)
         flags = filled.flags | (FLAG_MAPPED if slot.mapped else 0) | (FLAG_QUEUED if slot.queued else 0)
         seconds, rest_ns = divmod(filled.time_ns, 1_000_000_000)
@@ -191,13 +188,5 @@ class BufferRing:
         struct.pack_into("<II", argument, 12, flags, 1)
         struct.pack_into("<qq", argument, 24, seconds, rest_ns // 1000)
         struct.pack_into("<II", argument, 56, filled.number, MMAP_MEMORY)
-        if self.kind == 1:
-            struct.pack_into("<Q", argument, 64, offset)
-            struct.pack_into("<I", argument, 72, length)
-            return
-        planes, count = struct.unpack_from("<QI", argument, 64)
-        if not planes or not count or payload is None or len(payload) < 64:
-            raise OSError(EFAULT, "planes")
-        struct.pack_into("<I", argument, 8, 0)
-        struct.pack_into("<I", argument, 72, 1)
-        struct.pack_into("<IIQI", payload, 0, filled.bytes_used, length, offset, self.header_bytes)
+        struct.pack_into("<Q", argument, 64, offset)
+        struct.pack_into("<I", argument, 72, length)

@@ -138,11 +138,30 @@ def test_a_wrong_number_of_true_views_is_a_contradiction(scene, take):
     assert without.shots[0].truth.views is None
 
 
-@pytest.mark.parametrize("order", ["NHWC", "HWCN", "NCHW"])
+@pytest.mark.parametrize("order", ["NHWC", "HWCN", "NCHW", "CNHW"])
 def test_true_views_may_come_in_any_order(scene, take, order):
     made = scene()
     shot = take(meas=made.meas, mask=made.masks, truth=np.einsum(f"NHWC->{order}", made.views)).shots[0]
     assert np.array_equal(np.rint(shot.truth.views * 255), made.views)
+
+
+def test_true_views_may_have_an_axis_of_length_one_and_be_no_scalar(scene, take):
+    made = scene()
+    shot = take(meas=made.meas, mask=made.masks, truth=np.einsum("NHWC->CNHW", made.views)[None]).shots[0]
+    assert np.array_equal(np.rint(shot.truth.views * 255), made.views)
+    grey = scene(channels=1)
+    with pytest.raises(InputError, match=r"key 'truth': shape \[\] does not hold the true views"):
+        take(meas=grey.meas, mask=grey.masks, truth=0.0)
+
+
+def test_pixels_in_one_row_are_told_how_to_become_pictures(scene, take):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match=r"one row of 768 numbers: reshape the masks to \[N, 24, 32\]"):
+        take(meas=made.meas[..., 0], mask=made.masks.reshape(4, -1))
+    with pytest.raises(InputError, match=r"reshape the masks to \[24, 32, N\]"):
+        take(meas=made.meas[..., 0], mask=made.masks.reshape(4, -1).T)
+    with pytest.raises(InputError, match=r"the measurement is one row of 768 numbers: reshape it to \[H, W\]"):
+        take(meas=made.meas.reshape(-1), mask=made.masks)
 
 
 def test_empty_arrays_are_refused(scene, take):

@@ -142,6 +142,28 @@ def test_a_file_of_torch_is_refused_with_the_way_out(tmp_path):
         open_foreign(tmp_path / "masks.pt")
 
 
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        (b"\0\0\0\x20ftypisom", r"a film \(MP4, MOV\), which is not read.*ffmpeg -i FILE"),
+        (b"RIFF\0\0\0\0AVI LIST", "an AVI film, which is not read.*if it was stored without loss"),
+        (b"\x1a\x45\xdf\xa3", "a film .Matroska, WebM., which is not read.*ffmpeg"),
+        (b"\x12\x34", r"no known format.*np\.fromfile\(PATH, '<u2'\)"),
+    ],
+)
+def test_films_and_raw_numbers_are_told_a_way_in(tmp_path, start, message):
+    (tmp_path / "a").write_bytes(start + bytes(64))
+    with pytest.raises(InputError, match=message):
+        open_foreign(tmp_path / "a")
+
+
+def test_a_zip_archive_without_arrays_is_no_empty_file(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("zarr.json", "{}")
+    with pytest.raises(InputError, match=r"a zip archive without an array of numpy.*unpack it"):
+        open_foreign(tmp_path / "a.zip")
+
+
 @pytest.mark.parametrize("mark", [row[0] for row in UNREAD])
 def test_every_known_beginning_is_refused_by_its_name(tmp_path, mark):
     (tmp_path / "a").write_bytes(mark + b"\0" * 64)

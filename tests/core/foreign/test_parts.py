@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import import_shots
@@ -21,6 +22,11 @@ def poses(n=5):
     return stack
 
 
+def tum(n=5):
+    inverse = np.linalg.inv(poses(n))
+    return np.c_[np.arange(n), inverse[:, :3, 3], Rotation.from_matrix(inverse[:, :3, :3]).as_quat()]
+
+
 def test_the_first_of_several_known_names_is_taken_and_said(scene, take, said):
     made = scene()
     imported = take(meas=made.meas, y=made.meas * 2, mask=made.masks)
@@ -34,6 +40,18 @@ def test_names_do_not_depend_on_case_and_a_lone_array_needs_none(scene, take, sa
     assert take(Meas=made.meas, MASK=made.masks).shots[0].views == 4
     lone = take(meas=made.meas, stuff=made.masks)
     assert said(lone, "masks: key 'stuff', the only array without a known name")
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_of_two_arrays_without_known_names_the_stack_is_the_masks(scene, take, said, last):
+    """As np.savez("file.npz", measurement, masks) names them."""
+    made = scene(channels=1)
+    imported = take(arr_1=made.meas[..., 0], arr_0=np.moveaxis(made.masks, 0, -1) if last else made.masks)
+    assert np.array_equal(imported.shots[0].masks, made.masks)
+    assert said(imported, "measurement: key 'arr_1', of two arrays without known names the one with an axis less")
+    assert said(take(ImportOptions(meas_key="arr_1"), arr_1=made.meas[..., 0], arr_0=made.masks), "masks: key 'arr_0'")
+    with pytest.raises(InputError, match="no key for the measurement"):
+        take(a=made.meas[..., 0], b=made.masks[:, 1:])
 
 
 def test_matlabs_scalars_are_no_images(scene, take, said):
@@ -222,6 +240,9 @@ def test_a_level_of_clipping_that_is_no_reading_is_refused(scene, take, level):
         ({"K": MATRIX}, MATRIX),
         ({"K": MATRIX.T}, MATRIX),
         ({"K": np.array([30.0, 31.0, 16.0, 12.0])}, MATRIX),
+        ({"K": MATRIX.reshape(9)}, MATRIX),
+        ({"K": np.pad(MATRIX, ((0, 0), (0, 1)))}, MATRIX),
+        ({"K": np.pad(MATRIX, ((0, 1), (0, 1))) + np.diag([0, 0, 0, 1])}, MATRIX),
         ({"intrinsics": np.stack([MATRIX] * 4)}, MATRIX),
         ({"focal": 30.0}, np.array([[30.0, 0, 16], [0, 30.0, 12], [0, 0, 1]])),
         ({}, None),
@@ -309,8 +330,10 @@ def test_doubtful_intrinsics_are_said(scene, take, said):
         {"extrinsics": poses().transpose(1, 2, 0)[:3]},
         {"w2c": poses().transpose(0, 2, 1)},
         {"c2w": np.linalg.inv(poses())},
+        {"w2c": np.linalg.inv(poses())[:, :3].reshape(5, 12)},
+        {"w2c": tum()},
     ],
-    ids=["4x4", "3x4", "counted last", "transposed", "inverse"],
+    ids=["4x4", "3x4", "counted last", "transposed", "inverse", "KITTI", "TUM"],
 )
 def test_poses_come_in_every_usual_form(scene, take, said, given):
     made = scene(n=5)
@@ -343,6 +366,8 @@ def test_telemetry_is_kept_apart_from_the_truth(scene, take, said):
         (poses() * np.array([1, 1, -1, 1.0])[:, None], "no rigid motions"),
         (poses() * np.nan, "NaN"),
         (poses() * 1e200, "NaN"),
+        (tum() * np.array([1, 1, 1, 1, 0, 0, 0, 0]), "cannot be read"),
+        (np.ones((5, 12)), "no rigid motions"),
     ],
 )
 def test_poses_that_are_none_are_refused(scene, take, given, message):
@@ -355,6 +380,12 @@ def test_one_pose_of_one_view_needs_no_counting_axis(scene, take):
     made = scene(n=1)
     shot = take(meas=made.meas, mask=made.masks, world_to_camera=np.eye(4)).shots[0]
     assert np.array_equal(shot.truth.world_to_camera, np.eye(4)[None])
+
+
+def test_a_colour_filter_that_is_a_number_is_no_text(scene, take):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match="key 'cfa': holds no text; allowed: a text; what to do: leave it out"):
+        take(meas=made.meas, mask=made.masks, cfa=0)
 
 
 def test_a_file_for_a_single_array_may_hold_only_one(tmp_path):

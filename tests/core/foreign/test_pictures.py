@@ -239,6 +239,39 @@ def test_too_many_pictures_are_refused_before_they_fill_the_memory(tmp_path, mon
         open_foreign(tmp_path)
 
 
+def test_a_measurement_among_its_masks_is_no_mask(tmp_path):
+    """It was taken for one, and left a better trace than all the others."""
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((3, 4), k, np.uint8))
+    assert open_foreign(tmp_path).load("").values.shape == (4, 3, 4)
+    cv2.imwrite(str(tmp_path / "snapshot.png"), np.full((3, 4), 9, np.uint8))
+    with pytest.raises(
+        InputError, match=r"snapshot\.png beside 4 pictures whose names.*what to do: take snapshot\.png"
+    ):
+        open_foreign(tmp_path)
+
+
+def test_names_without_numbers_are_doubted(tmp_path):
+    for name in ("one", "two", "three"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((3, 4), len(name), np.uint8))
+    assert "one.png to two.png; WARNING: in the order of the alphabet" in open_foreign(tmp_path).note
+
+
+def test_a_tiff_that_counts_from_white_is_said_to(tmp_path):
+    """As tifffile writes boolean arrays, which OpenCV and others then show inverted."""
+    mask = np.random.default_rng(0).random((6, 8)) < 0.5
+    tifffile.imwrite(tmp_path / "mask.tif", np.stack([mask, ~mask]))
+    container = open_foreign(tmp_path / "mask.tif")
+    assert np.array_equal(container.load("").values[0], 255 * ~mask)
+    assert "0 is white, as its tag says (tifffile writes boolean arrays so" in container.note
+
+
+def test_a_folder_of_other_files_names_one(tmp_path):
+    np.save(tmp_path / "mask0.npy", np.ones((3, 4)))
+    with pytest.raises(InputError, match=r"it holds 1 files, such as mask0\.npy.*np\.stack"):
+        open_foreign(tmp_path)
+
+
 def test_a_folder_without_pictures_and_a_damaged_picture_are_named(tmp_path, capfd):
     with pytest.raises(InputError, match=r"no picture in this folder; allowed: PNG, TIFF"):
         open_foreign(tmp_path)

@@ -72,8 +72,8 @@ def test_an_array_holds_positions_or_poses(tmp_path, shown):
     [
         ("", "no rows"),
         ("x,y,z\n", "names, and no rows"),
-        ("x,y,z\n0,0,0\n1,oh,0\n", "row 2 of the log is no row of numbers"),
-        ("x,y,z\n0,0,0\n1,0\n", "row 2 of the log is no row of numbers"),
+        ("x,y,z\n0,0,0\n1,oh,0\n", "row 2 is no row of numbers"),
+        ("x,y,z\n0,0,0\n1,0\n", "row 2 is no row of numbers"),
         ("x,y\n0,0,0\n1,0,0\n", "2 names for 3 columns"),
         ("0,0\n1,0\n", "2 columns without names"),
         ("x_mm,x_um\n0,0\n1,1000\n", "two columns for x"),
@@ -135,3 +135,26 @@ def test_a_log_of_another_number_of_positions_is_refused(scene, take, tmp_path):
     options = ImportOptions(stage=log(tmp_path, rows(PLACES)))
     with pytest.raises(InputError, match=r"stage\.csv: 4 positions for 5 masks; allowed: one for each mask"):
         take(options, meas=made.meas, mask=made.masks)
+
+
+@pytest.mark.parametrize("head", ["", "# timestamp tx ty tz qx qy qz qw\n", "t,tx,ty,tz,qx,qy,qz,qw\n"])
+def test_a_trajectory_of_tum_is_taken_with_its_turns(tmp_path, head):
+    half = np.sqrt(0.5)
+    rows_ = [[k, *place, 0, half, 0, half] for k, place in enumerate(PLACES)]
+    given = stage_poses(
+        log(tmp_path, head + rows(rows_, "," if "," in head else " ", "{:.9g}")), USUAL_WAYS, guesses := []
+    )
+    assert np.allclose(centres(given), PLACES)
+    assert np.allclose(given.values[0, :3, :3], [[0, 0, -1], [0, 1, 0], [1, 0, 0]])
+    assert any("TUM's: time, place and quaternion" in guess for guess in guesses)
+
+
+def test_eight_named_columns_are_no_trajectory(tmp_path):
+    text = "n,t,x_mm,y_mm,z_mm,a,b,c\n" + rows([[k, k, *place, 1, 1, 1] for k, place in enumerate(PLACES)])
+    assert np.allclose(centres(stage_poses(log(tmp_path, text), USUAL_WAYS, [])), PLACES)
+
+
+@pytest.mark.parametrize("coding", ["utf-16", "latin-1"])
+def test_a_log_may_be_written_as_spreadsheets_do(tmp_path, coding):
+    (tmp_path / "stage.csv").write_bytes(("x_µm,y_µm,z_µm\n" + rows(1000 * PLACES)).encode(coding))
+    assert np.allclose(centres(stage_poses(tmp_path / "stage.csv", USUAL_WAYS, [])), PLACES)

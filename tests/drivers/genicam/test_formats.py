@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, unpack_pfnc
-from gs2ci_sims.wires.genicam import pack_pfnc
+from tests.twins.genicam import pack_pfnc
 
 NAMES = sorted(PFNC_FORMATS)
 

@@ -5,8 +5,8 @@ import pytest
 
 from gs2ci_drivers.failures import DeviceFaultError, DriverError
 from gs2ci_sims.wires.genicam_nodes import Node
-from gs2ci_sims.wires.genicam_processing import further_features
 from tests.drivers.genicam.test_manners import Bench
+from tests.twins.genicam_processing import further_features
 
 ALL = further_features()
 

@@ -8,8 +8,8 @@ from gs2ci_drivers.genicam.driver import GenicamSensor
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_sims.faults import FaultSet
-from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
 from gs2ci_sims.world import Exposure, World
+from tests.twins.genicam import GenicamModel, GenicamTwin
 
 LINE = "dmd0.out"
 

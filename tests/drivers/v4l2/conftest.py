@@ -10,9 +10,8 @@ from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_sims.faults import FaultSet
-from gs2ci_sims.wires.v4l2 import V4l2Twin
-from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Exposure, World
+from tests.twins.v4l2 import CameraModel, V4l2Twin
 
 LINE = "dmd0.out2"
 

@@ -8,17 +8,8 @@ import pytest
 from gs2ci_drivers.failures import DeviceFaultError, UnsupportedError
 from gs2ci_drivers.v4l2 import leftovers
 from gs2ci_drivers.v4l2.options import V4l2Options
-from gs2ci_sims.wires.v4l2_processing import (
-    ARRAY,
-    BOOLEAN,
-    BUTTON,
-    INTEGER,
-    MENU,
-    READ_ONLY,
-    STRING,
-    TwinControl,
-    processing_controls,
-)
+from gs2ci_sims.wires.v4l2_controls import BOOLEAN, BUTTON, INTEGER, MENU, READ_ONLY
+from tests.twins.v4l2_processing import ARRAY, STRING, TwinControl, processing_controls
 
 STATELESS = V4l2Options(trigger_adapter="control")
 ALL = {one.name: one for one in processing_controls()}

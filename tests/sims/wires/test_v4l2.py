@@ -10,9 +10,9 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.ports import SysPort
-from gs2ci_sims.wires.v4l2 import V4l2Twin
-from gs2ci_sims.wires.v4l2_camera import BITS, PADDING_BYTE, CameraModel, pack_frame, row_bytes
+from gs2ci_sims.wires.v4l2_camera import BITS, PADDING_BYTE, pack_frame, row_bytes
 from gs2ci_sims.world import Exposure, World
+from tests.twins.v4l2 import CameraModel, V4l2Twin
 
 QUERYCAP, S_FMT, REQBUFS, QUERYBUF = 0x80685600, 0xC0D05605, 0xC0145608, 0xC0585609
 QBUF, DQBUF, STREAMON, STREAMOFF = 0xC058560F, 0xC0585611, 0x40045612, 0x40045613

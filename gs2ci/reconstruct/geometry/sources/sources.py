@@ -11,11 +11,11 @@ from typing import Final
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.foreign.camera_files import CameraFile, read_cameras
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import swept_along

@@ -4,87 +4,46 @@ Numbers and names are those of linux/v4l2-controls.h and v4l2_ctrl_get_name (v4l
 0x1000 and more above its class. Gains of sensors are in steps of 0.1 dB, as imx296's. Whatever has no formula here
 brightens by 3 %: enough to show that it was left on. Values stay until the camera loses power, whoever set them.
 
-Here: `TwinControl`, the further controls of a camera with an image processor, `process`. Not here: reading and writing
-them (`v4l2_controls`).
+Here: `TwinControl` with arrays, the further controls of a camera with an image processor, `process`. Not here: reading
+and writing them (`v4l2`).
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from errno import EINVAL, ERANGE
 from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import U16
+from gs2ci_sims.wires import v4l2_controls
+from gs2ci_sims.wires.v4l2_controls import BOOLEAN, BUTTON, CID_ANALOGUE_GAIN, CID_AUTOGAIN, INTEGER, MENU, READ_ONLY
 
-INTEGER, BOOLEAN, MENU, BUTTON, INTEGER64, STRING, ARRAY = 1, 2, 3, 4, 5, 7, 0x0101
-READ_ONLY, WRITE_ONLY, GRABBED, INACTIVE, HAS_PAYLOAD, MODIFY_LAYOUT = 0x4, 0x40, 0x2, 0x10, 0x100, 0x400
+STRING, ARRAY = 7, 0x0101
+INACTIVE, HAS_PAYLOAD, MODIFY_LAYOUT = 0x10, 0x100, 0x400
 
-CID_AUTOGAIN, CID_ANALOGUE_GAIN, CID_DIGITAL_GAIN = 0x00980912, 0x009E0903, 0x009F0905
+CID_DIGITAL_GAIN = 0x009F0905
 CID_HFLIP, CID_VFLIP, CID_TEST_PATTERN = 0x00980914, 0x00980915, 0x009F0903
 CID_AUTO_WHITE_BALANCE = 0x0098090C
 CID_BRIGHTNESS, CID_BLACK_LEVEL, CID_GAMMA = 0x00980900, 0x0098090B, 0x00980910
 CID_ZOOM = 0x009A090D
 
 
-def no_such_value(number: int) -> OSError:
-    """Return the error of an ioctl that fails with this errno."""
-    return OSError(number, "control")
-
-
 @dataclass
-class TwinControl:
+class TwinControl(v4l2_controls.TwinControl):
     """One control.
 
     Args:
-        cid: Number.
-        name: The kernel's name for it.
-        kind: INTEGER, BOOLEAN, MENU, BUTTON or INTEGER64.
-        low: Smallest value.
-        high: Largest value.
-        step: Step of the value.
-        value: Present value, at first the default.
-        flags: READ_ONLY, WRITE_ONLY or GRABBED.
-        menu: Entries of a menu by number.
         inactive_while: A switch: while it is on, this control has no effect.
-        default: Its value at power-up.
         data: The value of an array, whose control then has no number.
     """
 
-    cid: int
-    name: str
-    kind: int
-    low: int
-    high: int
-    step: int
-    value: int
-    flags: int = 0
-    menu: dict[int, str] = field(default_factory=dict)
     inactive_while: int | None = None
     data: bytes = b""
-    default: int = field(init=False)
     default_data: bytes = field(init=False)
 
     def __post_init__(self) -> None:
-        self.default, self.default_data = self.value, self.data
-
-    def rounded(self, value: int) -> int:
-        """Return a value as the framework rounds it.
-
-        Raises:
-            OSError: ERANGE or EINVAL for a missing menu entry.
-        """
-        if self.kind == MENU:
-            if not self.low <= value <= self.high:
-                raise no_such_value(ERANGE)
-            if value not in self.menu:
-                raise no_such_value(EINVAL)
-            return value
-        if self.kind == BOOLEAN:
-            return int(bool(value))
-        step = max(1, self.step)
-        steps = (min(max(value, self.low), self.high) - self.low + step // 2) // step
-        return self.low + min(steps, (self.high - self.low) // step) * step
+        super().__post_init__()
+        self.default_data = self.data
 
 
 def processing_controls() -> Iterable[TwinControl]:
@@ -132,7 +91,7 @@ UNSEEN: Final = (0x00980911, 0x009A0901, 0x009A0902, 0x009E0901, 0x009E0902, 0x0
 FURTHER_GAIN: Final = 1.03
 
 
-def process(pixels: U16, top: int, controls: Mapping[int, TwinControl]) -> U16:
+def process(pixels: U16, top: int, controls: Mapping[int, v4l2_controls.TwinControl]) -> U16:
     """Return the readings with the controls' effects, [H, W]; the same array if all are at their neutral values.
 
     Args:
@@ -143,7 +102,7 @@ def process(pixels: U16, top: int, controls: Mapping[int, TwinControl]) -> U16:
     off = {
         cid: one.value
         for cid, one in controls.items()
-        if (one.value != one.default or one.data != one.default_data)
+        if (one.value != one.default or (isinstance(one, TwinControl) and one.data != one.default_data))
         and cid not in UNSEEN
         and one.kind != BUTTON
         and not one.flags & READ_ONLY
@@ -167,6 +126,6 @@ def process(pixels: U16, top: int, controls: Mapping[int, TwinControl]) -> U16:
     return np.ascontiguousarray(np.clip(np.rint(values), 0, top).astype(np.uint16))
 
 
-def _inactive(controls: Mapping[int, TwinControl], cid: int) -> bool:
-    switch = controls[cid].inactive_while
+def _inactive(controls: Mapping[int, v4l2_controls.TwinControl], cid: int) -> bool:
+    switch = getattr(controls[cid], "inactive_while", None)
     return switch is not None and bool(controls[switch].value)

@@ -5,8 +5,7 @@ Color Transformation Control, Defect Correction; by makers: DigitalShift (docs.b
 by 2^n), BslBrightness and BslContrast, sharpening, noise reduction, shading correction. A written value stays until the
 camera loses power. Whatever has no formula here brightens by 3 %: enough to show that it was left on.
 
-Here: those features, the categories of all of them, `process`. Not here: the camera (`genicam`), values and locks
-(`genicam_nodes`).
+Here: those features, `process`. Not here: the camera (`genicam`).
 """
 
 from typing import Final
@@ -14,39 +13,10 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import U16
-from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
+from gs2ci_sims.wires.genicam_nodes import Node
 
-CATEGORIES: Final = {
-    "ImageFormatControl": (
-        "Width",
-        "Height",
-        "Offset",
-        "PixelFormat",
-        "Binning",
-        "Decimation",
-        "Reverse",
-        "TestPattern",
-    ),
-    "AcquisitionControl": ("Acquisition", "Trigger", "Exposure", "SensorShutter"),
-    "AnalogControl": ("Gain", "Gamma", "Black", "Balance"),
-    "ChunkDataControl": ("Chunk",),
-    "LUTControl": ("LUT",),
-    "ColorTransformationControl": ("ColorTransformation",),
-    "DeviceControl": ("Device", "Timestamp"),
-    "DigitalIOControl": ("Line",),
-    "ImageProcessingControl": ("",),
-}
-"""Category -> how the names of its features begin; the last one holds the rest."""
 FURTHER_GAIN: Final = 1.03
 BLACK_DN: Final = 1.0
-
-
-def in_categories(nodes: dict[str, Node]) -> dict[str, Node]:
-    """Return the features, each with its category unless it has one."""
-    for name, node in nodes.items():
-        begins = ((category, start) for category, starts in CATEGORIES.items() for start in starts)
-        node.category = node.category or next(category for category, start in begins if name.startswith(start))
-    return nodes
 
 
 def further_features() -> dict[str, Node]:
@@ -94,16 +64,16 @@ def further_features() -> dict[str, Node]:
     }
 
 
-def process(pixels: U16, top: int, nodes: NodeTable, *, factor: bool) -> U16:
+def process(pixels: U16, top: int, off: dict[str, Node], *, factor: bool) -> U16:
     """Return the readings with the features' effects, [H, W]; the same array if all are at their neutral values.
 
     Args:
         pixels: The converter's readings, binned and mirrored.
         top: The largest reading.
-        nodes: The features by name.
+        off: The features that are off their values at power-up, by name.
         factor: Whether Gain is a factor, and not in decibels.
     """
-    off = {name: node for name, node in nodes.off().items() if name in _PROCESSING or node.category in _UNKNOWN}
+    off = {name: node for name, node in off.items() if name in _PROCESSING or node.category in _UNKNOWN}
     if not off:
         return pixels
     if off.pop("ReverseY", None):

@@ -1,7 +1,7 @@
-"""Cameras from another program: a COLMAP model, or nerfstudio's transforms.json.
+"""Cameras from another program: a COLMAP model, nerfstudio's transforms.json; without poses, a calibration by OpenCV.
 
 Here: reading them, as world-to-camera matrices with OpenCV axes in the order of the file names. Not here: writing
-(`gs2ci.evaluate.cameras`), the geometry from them (`sources`).
+(`gs2ci.evaluate.cameras`), the geometry from them (`gs2ci.reconstruct.geometry.sources`), matrices alone (`camera`).
 
 Both formats list pictures by name in any order; a coded measurement numbers its views. So views are taken in the
 natural order of the names: view_2 before view_10, z_-1 before z_0.
@@ -15,8 +15,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL
-from gs2ci.core.colmap import pycolmap
 from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.foreign.camera import FEWEST_COEFFICIENTS
+from gs2ci.core.foreign.container import damage_as_input_error
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.natural_order import natural_order
@@ -38,6 +39,10 @@ _OF_THE_CAMERA: Final = (
 _CAMERA_TOLERANCE: Final = 1e-4
 # The coefficients of one lens agree up to the digits that a text file keeps.
 _COEFFICIENT_TOLERANCE: Final = 1e-5
+# OpenCV's files, in which ROS keeps its calibrations as well.
+_CALIBRATIONS: Final = (".yml", ".yaml", ".xml")
+_OF_A_MODEL: Final = ("cameras.txt", "cameras.bin", "images.txt", "images.bin")
+_HALF_A_PIXEL: Final = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
 # Aspect ratios of a sensor and of its reduced pictures agree up to rounding to whole pixels.
 _ASPECT_TOLERANCE: Final = 0.02
@@ -50,7 +55,7 @@ class CameraFile:
     Args:
         world_to_camera: [N, 4, 4], OpenCV axes, in the order of the names.
         intrinsics: One camera matrix for all, [3, 3], in pixels of the measurement.
-        distortion: Of their lens: k1 k2 p1 p2 k3 and more, [5 + ...]; zeros for a pinhole.
+        distortion: Of their lens: k1 k2 p1 p2 k3 and more, [4 and more]; zeros for a pinhole.
         points: Of the scene, [P, 3]; P is 0 if the file has none.
         names: Of the pictures, in that order.
     """
@@ -60,6 +65,46 @@ class CameraFile:
     distortion: F64
     points: F64
     names: tuple[str, ...]
+
+
+def is_camera_file(path: Path) -> bool:
+    """Tell whether a path may be a camera file by its name, not one of arrays."""
+    return path.is_dir() or path.name in _OF_A_MODEL or path.suffix.lower() in (".json", *_CALIBRATIONS)
+
+
+def read_poses(path: Path) -> F64:
+    """Return the world-to-camera poses, [N, 4, 4], of a COLMAP model's folder or a transforms.json.
+
+    Raises:
+        InputError: It is none, or has none.
+    """
+    found = read_calibration(path, None)
+    if not len(found.world_to_camera):
+        raise InputError(f"{path} holds no poses", allowed=_ALLOWED)
+    return found.world_to_camera
+
+
+def read_calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
+    """Read the camera of a file, with whatever poses it has.
+
+    Args:
+        path: A COLMAP model's folder, a transforms.json, or a calibration in OpenCV's or ROS's form (YAML, XML).
+        size: Height and width of the measurement, px; a camera of pictures of another size is scaled. None: it is not.
+
+    Raises:
+        InputError: No such file, it cannot be read, it holds several cameras or one of another kind.
+    """
+    if path.name in _OF_A_MODEL:
+        path = path.parent
+    if path.is_dir():
+        found = _colmap(path, size)
+    elif not path.is_file():
+        raise InputError(f"no camera file {path}", allowed=_ALLOWED)
+    elif path.suffix.lower() in _CALIBRATIONS:
+        found = _opencv(path, size)
+    else:
+        found = _transforms(path, size)
+    return found
 
 
 def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 | None = None) -> CameraFile:
@@ -75,12 +120,7 @@ def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 
         InputError: No such file, it cannot be read, it holds another number of cameras, several, cameras with another
             distortion than the known one or none, or pictures of another shape.
     """
-    if path.is_dir():
-        found = _colmap(path, size)
-    elif path.is_file():
-        found = _transforms(path, size)
-    else:
-        raise InputError(f"no camera file {path}", allowed=_ALLOWED)
+    found = read_calibration(path, size)
     if len(found.names) != views:
         raise InputError(
             f"{path} holds {len(found.names)} cameras for {views} views",
@@ -106,7 +146,53 @@ def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
     )
 
 
-def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
+def _opencv(path: Path, size: tuple[int, int] | None) -> CameraFile:
+    """Read a matrix, the coefficients and the size of the pictures, under whatever names programs give them."""
+    # A bench reads its patterns from arrays, without OpenCV.
+    import cv2  # noqa: PLC0415
+
+    numbers: dict[str, F64] = {}
+    with damage_as_input_error(str(path)):
+        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        root = file.root()
+        for name in root.keys():  # noqa: SIM118 - a node is no dictionary
+            node = root.getNode(name)
+            data = node.getNode("data") if node.isMap() else node
+            items = [data.at(index) for index in range(data.size())] if data.isSeq() else [data]
+            if all(item.isReal() or item.isInt() for item in items):
+                numbers[name] = np.array([item.real() for item in items])
+        model = root.getNode("distortion_model").string()
+    matrices = {name: found for name, found in numbers.items() if len(found) == 9 and (found[6:] == (0, 0, 1)).all()}
+    turned = [name for name in matrices if _is_rotation(matrices[name])]
+    matrices = {name: found for name, found in matrices.items() if name not in turned}
+    if len(matrices) != 1:
+        raise InputError(
+            f"{path} holds {len(matrices)} camera matrices{': ' * bool(matrices)}{', '.join(matrices)}",
+            allowed="a calibration of one camera, as OpenCV and ROS write it",
+            remedy="give the matrix as --intrinsics fx fy cx cy, and the lens as --distortion",
+        )
+    if model:
+        _require_model(path, model, ("plumb_bob", "rational_polynomial"))
+    ((_, matrix),) = matrices.items()
+    lenses = [found for name, found in numbers.items() if "dist" in name.lower() and len(found) >= FEWEST_COEFFICIENTS]
+    lens = lenses[0] if lenses else np.zeros(len(COEFFICIENTS))
+    have = None
+    if {"image_width", "image_height"} <= set(numbers):
+        have = int(numbers["image_height"][0]), int(numbers["image_width"][0])
+    # In OpenCV pixel centres lie at whole numbers.
+    centred = matrix.reshape(3, 3) + _HALF_A_PIXEL
+    return CameraFile(np.empty((0, 4, 4)), _scaled(centred, have, size, path), lens, np.empty((0, 3)), ())
+
+
+def _is_rotation(values: F64) -> bool:
+    """Tell the matrix of a rectification, which turns about no more than the axis, from that of a camera."""
+    return bool(np.allclose(values.reshape(3, 3) @ values.reshape(3, 3).T, np.eye(3)))
+
+
+def _colmap(folder: Path, size: tuple[int, int] | None) -> CameraFile:
+    # It takes a third of a second, which most imports need not wait for.
+    from gs2ci.core.colmap import pycolmap  # noqa: PLC0415
+
     try:
         model = pycolmap.Reconstruction(str(folder))
     except GeometryError as error:
@@ -137,14 +223,15 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
     )
 
 
-def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
+def _transforms(path: Path, size: tuple[int, int] | None) -> CameraFile:
     try:
         held = parse_json(path.read_text())
         stored = list(held["frames"])
         frames = [stored[index] for index in _order(path, [str(frame["file_path"]) for frame in stored])]
         camera_to_world = np.array([_whole(frame["transform_matrix"]) for frame in frames]).reshape(-1, 4, 4)
         common = _common(path, held, frames)
-        width, height = int(common.get("w", size[1])), int(common.get("h", size[0]))
+        rows, columns = size or (0, 0)
+        width, height = int(common.get("w", columns)), int(common.get("h", rows))
         fx = float(common["fl_x"]) if "fl_x" in common else 0.5 * width / np.tan(0.5 * float(common["camera_angle_x"]))
         matrix = np.array(
             [
@@ -230,8 +317,10 @@ def _require_model(path: Path, model: str, allowed: tuple[str, ...]) -> None:
         )
 
 
-def _scaled(matrix: F64, have: tuple[int, int], want: tuple[int, int], path: Path) -> F64:
-    """Scale a camera matrix from pictures of one size to those of another."""
+def _scaled(matrix: F64, have: tuple[int, int] | None, want: tuple[int, int] | None, path: Path) -> F64:
+    """Scale a camera matrix from pictures of one size to those of another; unknown ones are taken for the same."""
+    if have is None or want is None:
+        return matrix
     rows, columns = want[0] / max(have[0], 1), want[1] / max(have[1], 1)
     if abs(rows / columns - 1) > _ASPECT_TOLERANCE:
         raise InputError(

@@ -1,13 +1,15 @@
 import json
 
+import cv2
 import numpy as np
 import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gs2ci.api.shots import import_file
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.camera_files import is_camera_file, read_calibration, read_cameras, read_poses
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
-from gs2ci.reconstruct.geometry.path.camera_files import read_cameras
 
 SIZE = (60, 80)
 CAMERA = np.array([[70.0, 0, 41], [0, 72, 29], [0, 0, 1]])
@@ -239,3 +241,102 @@ def test_an_order_that_depends_on_how_a_point_is_read_is_refused(tmp_path):
         frame["file_path"] = f"run1.{k}.png"
     with pytest.raises(InputError, match="the order of its pictures is doubtful"):
         read_cameras(bare(tmp_path, frames), 12, SIZE)
+
+
+ROS = """image_width: 160
+image_height: 120
+camera_name: left
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [140., 0., 81.5, 0., 144., 57.5, 0., 0., 1.]
+distortion_model: {model}
+distortion_coefficients:
+  rows: 1
+  cols: {count}
+  data: {lens}
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [140., 0., 81.5, 0., 0., 144., 57.5, 0., 0., 0., 1., 0.]
+"""
+
+
+def ros(folder, lens=(0.1, 0, 0, 0.01, 0), model="plumb_bob"):
+    path = folder / "camera.yaml"
+    path.write_text(ROS.format(lens=list(lens), count=len(lens), model=model))
+    return path
+
+
+def opencv(folder, ending, **matrices):
+    path = folder / f"camera.{ending}"
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, values in matrices.items():
+        file.write(name, values)
+    file.release()
+    return path
+
+
+def test_a_calibration_of_ros_has_its_pixel_centres_moved_by_half_a_pixel_and_is_scaled(tmp_path):
+    found = read_calibration(ros(tmp_path), SIZE)
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+    assert found.distortion.tolist() == [0.1, 0, 0, 0.01, 0]
+    assert len(found.world_to_camera) == 0
+    assert read_calibration(ros(tmp_path), None).intrinsics[0, 2] == 82
+
+
+@pytest.mark.parametrize("ending", ["yml", "xml"])
+def test_a_calibration_of_opencv_is_read_under_any_names(tmp_path, ending):
+    path = opencv(tmp_path, ending, mtx=CAMERA, dist=np.array([[0.1, 0, 0, 0]]), error=0.2)
+    assert is_camera_file(path)
+    found = read_calibration(path, SIZE)
+    np.testing.assert_allclose(found.intrinsics - CAMERA, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    assert found.distortion.tolist() == [0.1, 0, 0, 0]
+
+
+def test_calibrations_that_are_none_of_one_camera_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"holds 2 camera matrices: M1, M2.*--intrinsics fx fy cx cy"):
+        read_calibration(opencv(tmp_path, "yml", M1=CAMERA, M2=CAMERA), SIZE)
+    with pytest.raises(InputError, match="holds 0 camera matrices"):
+        read_calibration(opencv(tmp_path, "yml", R=np.eye(3)), SIZE)
+    with pytest.raises(InputError, match="holds a equidistant camera"):
+        read_calibration(ros(tmp_path, model="equidistant"), SIZE)
+    (tmp_path / "broken.xml").write_text("<opencv_storage><a")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_calibration(tmp_path / "broken.xml", SIZE)
+    with pytest.raises(InputError, match="no camera file"):
+        read_calibration(tmp_path / "nothing.yml", SIZE)
+
+
+def test_poses_need_no_size_and_a_calibration_has_none(tmp_path):
+    np.testing.assert_allclose(read_poses(transforms(tmp_path)), poses(12), atol=1e-12)
+    write_colmap_model(tmp_path, poses(12), CAMERA, SIZE, points=np.zeros((0, 3)), colors=np.zeros((0, 3)))
+    assert is_camera_file(tmp_path / "cameras.bin")
+    np.testing.assert_allclose(read_poses(tmp_path / "cameras.bin"), poses(12), atol=1e-12)
+    with pytest.raises(InputError, match="holds no poses; allowed: the folder of a COLMAP model"):
+        read_poses(ros(tmp_path))
+
+
+def test_a_shot_takes_camera_lens_and_poses_from_files(tmp_path):
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "shot.npz", meas=rng.random((*SIZE, 3)), masks=rng.random((12, *SIZE)) < 0.5)
+    known = {"intrinsics": ros(tmp_path), "poses": transforms(tmp_path), "stage": transforms(tmp_path)}
+    (shot,) = import_file(tmp_path / "shot.npz", **known).shots
+    np.testing.assert_allclose(shot.intrinsics, CAMERA)
+    assert shot.distortion.tolist() == [0.1, 0, 0, 0.01, 0]
+    np.testing.assert_allclose(shot.truth.world_to_camera, poses(12), atol=1e-12)
+    np.testing.assert_allclose(shot.telemetry_world_to_camera, poses(12), atol=1e-12)
+    np.savetxt(tmp_path / "camera.txt", CAMERA)
+    (shot,) = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.txt").shots
+    assert np.array_equal(shot.intrinsics, CAMERA)
+    assert shot.distortion is None
+    (shot,) = import_file(tmp_path / "shot.npz", intrinsics=transforms(tmp_path)).shots
+    assert shot.distortion is None
+    with pytest.raises(InputError, match=r"distortion \[0\.1, 0\.0, 0\.0, 0\.01, 0\.0, 0\.2.*allowed: OpenCV's"):
+        import_file(
+            tmp_path / "shot.npz", intrinsics=ros(tmp_path, (0.1, 0, 0, 0.01, 0, 0.2, 0, 0), "rational_polynomial")
+        )

@@ -1,0 +1,293 @@
+"""V4L2 cameras that differ from the usual one of the simulated bench: in formats, planes, exposures, controls, stamps.
+
+Here: `CameraModel`, `V4l2Twin` as those of `gs2ci_sims.wires`, with what a rig file cannot state. Not here: processing
+(`v4l2_processing`).
+"""
+
+import ctypes
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+from errno import EFAULT, ENOSPC, ENOTTY
+from typing import Literal
+
+import numpy as np
+
+from gs2ci.core.arrays import U8, U16
+from gs2ci_sims.wires import v4l2, v4l2_camera
+from gs2ci_sims.wires.shutter import Exposed, Shutting
+from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, row_bytes
+from gs2ci_sims.wires.v4l2_controls import (
+    CID_ANALOGUE_GAIN,
+    CID_AUTOGAIN,
+    CID_EXPOSURE,
+    CID_HBLANK,
+    CID_PIXEL_RATE,
+    CID_VBLANK,
+    CONTROL_IGNORED,
+    INTEGER,
+    MENU,
+    NEXT_CONTROL,
+    ControlBank,
+    no_such_value,
+)
+from gs2ci_sims.wires.v4l2_controls import TwinControl as PlainControl
+from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
+from gs2ci_sims.wires.v4l2_queue import FLAG_MONOTONIC, BufferRing, Filled, _Slot
+from tests.twins.shutter import OddShutter
+from tests.twins.v4l2_processing import ARRAY, HAS_PAYLOAD, INACTIVE, TwinControl, process, processing_controls
+
+CAP_CAPTURE_MULTI, MULTI = 0x1000, 9
+WHICH_DEFAULT = 0x0F000000
+CID_EXPOSURE_AUTO, CID_EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
+AUTO_EXPOSURE_S = 1 / 30
+
+
+@dataclass(frozen=True)
+class CameraModel(v4l2_camera.CameraModel):
+    """A camera's data sheet; further arguments as for the usual one.
+
+    Args:
+        significant_bits: Bits of the converter if they are fewer than the format's; 0 for the format's.
+        left_aligned: Whether 16-bit containers carry the value in their upper bits.
+        repeats_top: Whether its top bits are repeated below it then, as by VI5 of NVIDIA's Jetson Xavier and Orin
+            (T_R16; https://forums.developer.nvidia.com/t/223616).
+        stride_multiple: Rows are padded to a multiple of this number of bytes.
+        multi_plane: Whether it captures through the multi-plane interface, with a header before each plane.
+        header_bytes: Header before the pixels of a plane (multi-plane only).
+        max_buffers: Most buffers that the kernel gives.
+        exposure: Its exposure control: in lines, in microseconds although line times are reported (vc_mipi_camera.c,
+            vc_sd_s_ctrl, unless the device tree has the property `libcamera`), in units of 100 µs, or none.
+        tree_trigger: The device tree's `trigger-mode`, which overrides the parameter (imx477_probe: trigger_mode_of).
+        tree_known: Whether the device tree of the sensor is below /sys/bus/i2c, as on a Raspberry Pi.
+        ignored_triggers: Edges lost after each start.
+        monotonic: Whether stamps count on CLOCK_MONOTONIC.
+        realtime: Whether they count on CLOCK_REALTIME and are flagged as CLOCK_MONOTONIC nevertheless: uvcvideo with
+            clock=realtime (uvc_video_get_time in uvc_video.c; uvc_queue_init sets the flag in any case).
+        restarts_numbers: Whether frame numbers restart with each start.
+        first_number: The first of them: unicam's is 1 (kbingham/libcamera issue 50).
+        has_events: Whether source changes can be subscribed to.
+        processing: Whether it has further controls that change readings (`v4l2_processing`).
+        sensor: Kernel driver of the sensor, which the kernel lists below /sys/bus/i2c; "": it lists none.
+        auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
+    """
+
+    significant_bits: int = 0
+    left_aligned: bool = False
+    repeats_top: bool = False
+    stride_multiple: int = 1
+    multi_plane: bool = False
+    header_bytes: int = 0
+    max_buffers: int = 32
+    exposure: Literal["lines", "microseconds", "absolute", "none"] = "lines"
+    tree_trigger: int | None = None
+    tree_known: bool = True
+    ignored_triggers: int = 0
+    monotonic: bool = True
+    realtime: bool = False
+    restarts_numbers: bool = True
+    first_number: int = 0
+    has_events: bool = True
+    processing: bool = False
+    sensor: str = ""
+    auto_gain: int = 0
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """Get what the kernel shows of the sensor, file by file; of its device tree, a number is big-endian."""
+        if self.sensor:
+            return {f"/sys/bus/i2c/drivers/{self.sensor}/10-0010": b""}
+        found = super().files if self.tree_known else {}
+        if found and self.trigger == "module" and self.tree_trigger is not None:
+            node = f"/sys/bus/i2c/drivers/{self.module}/10-001a/of_node"
+            return found | {f"{node}/trigger-mode": self.tree_trigger.to_bytes(4, "big")}
+        return {path: data for path, data in found.items() if self.exposure == "lines" or "libcamera" not in path}
+
+    def module_mode(self, value: int) -> Shutting:
+        """Return what a number of the module's parameter switches on; the device tree's takes precedence."""
+        return super().module_mode(value if self.tree_trigger is None else self.tree_trigger)
+
+    def bits(self, code: str) -> int:
+        return min(self.significant_bits or BITS[code], BITS[code])
+
+    def stride(self, code: str, width: int) -> int:
+        return -(-row_bytes(code, width) // self.stride_multiple) * self.stride_multiple
+
+
+class OddBank(ControlBank):
+    """Controls with arrays, switches that others depend on, and exposures in other units."""
+
+    _model: CameraModel
+
+    def add(self, control: PlainControl) -> None:
+        """Give the camera a further control."""
+        self._controls = dict(sorted({**self._controls, control.cid: control}.items()))
+
+    def leave_data(self, name: str, data: bytes) -> None:
+        """Set an array as another program does."""
+        next(one for one in self._controls.values() if one.name == name).data = data  # type: ignore[attr-defined]
+
+    def frame_size(self, height: int, width: int) -> None:
+        if CID_HBLANK in self:
+            super().frame_size(height, width)
+
+    def exposure_s(self) -> float:
+        if CID_EXPOSURE_AUTO in self and self[CID_EXPOSURE_AUTO] != 1:
+            return AUTO_EXPOSURE_S
+        if CID_EXPOSURE in self:
+            return self[CID_EXPOSURE] * 1e-6 if self._model.exposure == "microseconds" else super().exposure_s()
+        return self[CID_EXPOSURE_ABSOLUTE] * 100e-6 if CID_EXPOSURE_ABSOLUTE in self else 5e-3
+
+    def _limit_exposure(self) -> None:
+        if self._model.exposure == "lines":
+            super()._limit_exposure()
+
+    def process(self, pixels: U16, top: int) -> U16:
+        return process(pixels, top, self._controls)
+
+    def query(self, argument: bytearray) -> None:
+        super().query(argument)
+        control = self._find(struct.unpack_from("<I", argument)[0] & ~NEXT_CONTROL)
+        if not isinstance(control, TwinControl):
+            return
+        flags, size, elements, dimensions = struct.unpack_from("<IIII", argument, 72)
+        if control.inactive_while is not None and self[control.inactive_while]:
+            flags |= INACTIVE
+        if control.data:
+            flags, dimensions = flags | HAS_PAYLOAD, int(control.kind == ARRAY)
+            size = 2 if control.kind == ARRAY else len(control.data)
+            elements = len(control.data) // size
+        struct.pack_into("<IIII", argument, 72, flags, size, elements, dimensions)
+
+    def _exchange(self, control: PlainControl, payload: bytearray, at: int, which: int, *, write: bool) -> None:
+        """Copy an array to or from the memory that the entry points to, as the kernel does.
+
+        Raises:
+            OSError: ENOSPC: the memory is too small.
+        """
+        if not isinstance(control, TwinControl) or not control.data:
+            super()._exchange(control, payload, at, which, write=write)
+            return
+        size, pointer = struct.unpack_from("<I4xQ", payload, at + 4)
+        if size < len(control.data):
+            raise no_such_value(ENOSPC)
+        if not write:
+            data = control.default_data if which == WHICH_DEFAULT else control.data
+            ctypes.memmove(pointer, data, len(control.data))
+        elif not self._faults.take(CONTROL_IGNORED, control.name):
+            control.data = ctypes.string_at(pointer, len(control.data))
+
+    def _set(self, control: PlainControl, value: int) -> None:
+        if control.cid == CID_AUTOGAIN and control.value and not control.rounded(value):
+            self._controls[CID_ANALOGUE_GAIN].value = self._model.auto_gain
+        super()._set(control, value)
+
+    def _made(self) -> Iterable[PlainControl]:
+        model = self._model
+        in_lines = (CID_VBLANK, CID_HBLANK, CID_PIXEL_RATE, CID_EXPOSURE)
+        for control in super()._made():
+            if control.cid == CID_EXPOSURE and model.exposure == "microseconds":
+                control.high = 10_000_000
+            if control.cid not in in_lines or model.exposure in ("lines", "microseconds"):
+                yield control
+        if model.exposure == "absolute":
+            # As in UVC: entries 0 and 2 are holes in the menu, and automatic exposure is on at power-up.
+            menu = {1: "Manual Mode", 3: "Aperture Priority Mode"}
+            yield TwinControl(CID_EXPOSURE_AUTO, "Auto Exposure", MENU, 0, 3, 1, 3, 0, menu)
+            yield TwinControl(CID_EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", INTEGER, 1, 10_000, 1, 157)
+        if model.processing:
+            yield from processing_controls()
+
+
+class OddRing(BufferRing):
+    """Buffers of one plane each, behind the multi-plane interface."""
+
+    header_bytes = 0
+
+    def _write(self, argument: bytearray, payload: bytearray | None, index: int, slot: _Slot) -> None:
+        """Write struct v4l2_buffer, and struct v4l2_plane behind its pointer."""
+        planes, count = struct.unpack_from("<QI", argument, 64)
+        super()._write(argument, payload, index, slot)
+        if self.kind != MULTI:
+            return
+        offset, length = struct.unpack_from("<QI", argument, 64)
+        if not planes or not count or payload is None or len(payload) < 64:
+            raise OSError(EFAULT, "planes")
+        filled = slot.filled or Filled(0, 0, 0, 0)
+        struct.pack_into("<I", argument, 8, 0)
+        struct.pack_into("<QI", argument, 64, planes, 1)
+        struct.pack_into("<IIQI", payload, 0, filled.bytes_used, length, offset, self.header_bytes)
+
+    def request(self, argument: bytearray, size_bytes: int, most: int) -> None:
+        super().request(argument, size_bytes + self.header_bytes, most)
+
+
+class OddDevice(CaptureDevice):
+    """The kernel driver of such a camera."""
+
+    _model: CameraModel
+    _controls: OddBank
+    ring: OddRing
+    _made_shutter, _made_ring, _made_bank = OddShutter, OddRing, OddBank
+
+    def power_up(self) -> None:
+        super().power_up()
+        if self._model.multi_plane:
+            self.ring.kind, self.ring.header_bytes = MULTI, self._model.header_bytes
+        self._shutter.ignored_triggers = self._model.ignored_triggers
+
+    def _querycap(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        super()._querycap(file, argument, payload)
+        if self._model.multi_plane:
+            version, caps, device = struct.unpack_from("<III", argument, 80)
+            shift = CAP_CAPTURE_MULTI - 1
+            struct.pack_into("<III", argument, 80, version, caps + shift, device + shift)
+
+    def _write_format(self, argument: bytearray, code: str, size: tuple[int, int]) -> None:
+        if not self._model.multi_plane:
+            super()._write_format(argument, code, size)
+            return
+        (kind,) = struct.unpack_from("<I", argument, 0)
+        self._require_type(kind)
+        stride = self._model.stride(code, size[1])
+        struct.pack_into("<II4sI", argument, 8, size[1], size[0], code.encode(), 1)
+        struct.pack_into("<II", argument, 28, stride * size[0] + self._model.header_bytes, stride)
+        struct.pack_into("<B", argument, 188, 1)
+
+    def _reqbufs(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        (count,) = struct.unpack_from("<I", argument)
+        struct.pack_into("<I", argument, 0, min(count, self._model.max_buffers))
+        super()._reqbufs(file, argument, payload)
+
+    def _first_number(self) -> int:
+        return self._model.first_number if self._model.restarts_numbers else self._number
+
+    def _subscribe(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        if not self._model.has_events:
+            raise OSError(ENOTTY, "SUBSCRIBE_EVENT")
+        super()._subscribe(file, argument, payload)
+
+    def _flags(self) -> int:
+        return super()._flags() & (~0 if self._model.monotonic else ~FLAG_MONOTONIC)
+
+    def _stamp_ns(self, exposed: Exposed) -> int:
+        return super()._stamp_ns(exposed) + (round(REALTIME_S * 1e9) if self._model.realtime else 0)
+
+    def _packed(self, pixels: U16) -> U8:
+        words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
+        shift = 16 - self._model.bits(self._code) if words and self._model.left_aligned else 0
+        raised = pixels.astype(np.uint32) << shift
+        if self._model.repeats_top and shift > 0:
+            raised |= raised >> (16 - shift)
+        rows = super()._packed((raised & 0xFFFF).astype(np.uint16))
+        header = np.zeros(self._model.header_bytes if self._model.multi_plane else 0, np.uint8)
+        return np.concatenate([header, rows.ravel()])
+
+
+class V4l2Twin(v4l2.V4l2Twin):
+    """Such a camera with its kernel."""
+
+    _made_device = OddDevice
+
+    def __init__(self, world, model=None, faults=None, **more) -> None:  # type: ignore[no-untyped-def]
+        super().__init__(world, model or CameraModel(), faults, **more)
