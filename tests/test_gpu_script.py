@@ -13,7 +13,7 @@ pytest.importorskip("warp", reason="Warp is not installed")
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import places
 from gs2ci.render.warp.backend import WarpBackend
-from tests.benchmarks import gpu
+from tests.benchmarks import gpu, gpu_parts
 from tests.benchmarks.gpu_parts import Asked
 from tests.nightly import NIGHTLY
 
@@ -79,7 +79,7 @@ class Lacks:
         if name.split(".")[0] in ("tyro", "serial", "usb", "h5py", "psutil", "matplotlib", "onnxruntime", "jinja2"):
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Lacks())
-from tests.benchmarks import gpu
+from tests.benchmarks import gpu, gpu_parts
 gpu.run()
 """
 
@@ -91,6 +91,21 @@ def test_the_script_needs_no_more_than_its_page_says():
         [sys.executable, "-c", LACKS], env={**os.environ, **small}, cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert "asked of the exponent" in done.stdout, done.stdout
+
+
+def test_all_that_is_missing_is_said_before_anything_begins():
+    lacks = LACKS.replace('"tyro", "serial"', '"warp", "pycolmap"')
+    done = subprocess.run([sys.executable, "-c", lacks], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "not installed: warp, pycolmap (docs/gpu.md says how to bring them along)\n"
+
+
+def test_minutes_on_a_card_are_not_spent_on_the_host(monkeypatch):
+    monkeypatch.delenv("GS2CI_DEVICE", raising=False)
+    silent = ("cuda", "the driver is silent")
+    monkeypatch.setattr(gpu_parts.devices, "compute_devices", lambda _: (("cpu", "the default"), silent))
+    with pytest.raises(SystemExit, match=r"no CUDA device; GS2CI_DEVICE=cpu .*\ncpu: the default\ncuda: the driver is"):
+        gpu_parts.asked()
 
 
 def test_what_there_is_no_time_for_is_left_out_and_a_failure_keeps_nothing_from_running(capsys):
@@ -140,7 +155,8 @@ def test_a_part_that_ends_the_process_or_never_ends_leaves_the_others_to_another
 
 def test_where_nothing_begins_nothing_is_tried_again(capsys):
     parts = [gpu.Part("first", print, 1)]
-    assert gpu.watched([sys.executable, "-c", "import nothing_like_it"], parts, 60, io.StringIO()) == parts
+    program = "print('== gpu', flush=True); import nothing_like_it"  # as `tests.benchmarks` begins
+    assert gpu.watched([sys.executable, "-c", program], parts, 60, io.StringIO()) == parts
     assert "what comes before the parts FAILS: its process ended with 1" in capsys.readouterr().out
 
 

@@ -12,7 +12,6 @@ from gs2ci.core import colmap
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.foreign import camera_files
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.path import bundle
 from gs2ci.reconstruct.geometry.sources import mapper
 from gs2ci.reconstruct.hypotheses import matches
@@ -93,25 +92,10 @@ def refuse(*_, **__):
     raise GeometryError("this needs pycolmap")
 
 
-def test_where_matches_fail_the_other_sources_are_asked_and_the_reason_is_said(monkeypatch):
-    monkeypatch.setattr(choose, "matched_motion", refuse)
-    answer = choose._matched(None, None)
-    assert (answer.geometry, answer.left) == (None, float("inf"))
-    assert "needs pycolmap" in answer.said
-
-
 def test_a_look_at_views_far_apart_gives_up_where_matches_fail(monkeypatch):
     monkeypatch.setattr(matches, "matched_motion", refuse)
     monkeypatch.setattr(matches.Request, "of", lambda *_: None)
-    weights = np.ones(3)
-    first = SimpleNamespace(
-        holdout=SimpleNamespace(shot=SimpleNamespace(weights=weights)),
-        is_decoded_at_length=True,
-        decoded=None,
-        geometry=None,
-    )
-    holdout = SimpleNamespace(shot=SimpleNamespace(weights=weights), seen=None)
-    laps = []
-    settings = SimpleNamespace(long_decode=object(), geometry=None)
-    assert matches.look_far_apart(first, holdout, None, settings, Silent(), laps.append) is None
-    assert laps == ["decode", "geometry"]
+    first = SimpleNamespace(holdout=SimpleNamespace(seen=None), decoded=None, geometry=None)
+    laps, settings = [], SimpleNamespace(geometry=None)
+    assert matches.look_far_apart(first, None, settings, Silent(), laps.append, np.eye(4)[None]) is None
+    assert laps == ["geometry"]

@@ -1,12 +1,33 @@
 """How a stage carries the camera: the table [stage.mount] of a rig file, the same for every kind of stage."""
 
-from typing import Annotated
+import math
+from typing import Annotated, Final
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from gs2ci.core.config import ConfigTable
 
-Vector = tuple[float, float, float]
+# From half to twice what the axis is told: beyond, a calibration of the stage says that it goes the wrong way. A
+# direction alone, a length in metres and a row of zeros are none.
+_LENGTHS: Final = (0.5, 2.0)
+
+
+def _of_a_length(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the camera's motion per mm of an axis, if it can be that.
+
+    Raises:
+        ValueError: It is far too short or too long.
+    """
+    length, (least, most) = math.hypot(*vector), _LENGTHS
+    if not least <= length <= most:
+        raise ValueError(
+            f"its length is {length:.3g}, but the motion of the camera in mm per mm of the axis is from {least:g} to "
+            f"{most:g}, such as [1.0, 0.0, 0.0]"
+        )
+    return vector
+
+
+Vector = Annotated[tuple[float, float, float], AfterValidator(_of_a_length)]
 
 
 class MountOptions(ConfigTable):

@@ -30,6 +30,6 @@ def built_in_names() -> dict[str, tuple[str, ...]]:
         **{group: tuple(kinds) for group, kinds in BUILT_IN.items()},
         "gs2ci.density_rules": RULE_NAMES,
         DECODER_GROUP: DECODE_METHODS,
-        "gs2ci.priors": ("consistent", "nlm", "none", "difix"),
+        "gs2ci.priors": ("none", "difix"),
         "gs2ci.geometry": ("tracks", "stage", "wide", "displacements", "rest", "auto", "vggt"),
     }

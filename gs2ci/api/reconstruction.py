@@ -104,8 +104,8 @@ def reconstruct(
             in all directions) to 3; by default the preset's.
         fine: Add the fine stage: views beside the cameras are improved by an image prior and fitted. Kept only if the
             held-out pixels improve; with preset "paper", which holds none out, kept in any case.
-        prior: Of the fine stage, which it switches on: "consistent" (detail on which several cameras agree; the
-            default), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
+        prior: Of the fine stage, which it switches on: "none" (the default), "difix" (added by `gs2ci
+            models add`), or "onnx:FILE".
         distance: Of the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
             by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.

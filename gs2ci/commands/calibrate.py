@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from gs2ci.api.bundles import update_bundle
 from gs2ci.api.display import open_display
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import print_table, say
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,9 +57,8 @@ def run(
     from gs2ci_calibration.bundle import check_bundle_place
 
     with answered(json) as answer:
-        console = Console()
         if step == "update":
-            bundle, update = _update(console, files)
+            bundle, update = _update(files)
             told = {name: estimate.record() for name, estimate in update.parameters.items()}
             answer({"bundle": bundle, **vars(update), "parameters": told})
             return bundle
@@ -76,21 +73,24 @@ def run(
             if step == "check":
                 changes, notes = opened.drift(out, progress=display)
                 answer({"bundle": out, "changes": [change.record() for change in changes], "notes": notes})
-                _print_drift(console, changes, notes)
+                _print_drift(changes, notes)
                 return out
             sections: list[Section] = []
 
             def print_section(section: "Section") -> None:
                 sections.append(section)
-                _print_section(console, section)
+                rows = [(name, str(estimate)) for name, estimate in section.estimates.items()]
+                print_table(("found", "value ± standard error"), rows, section.name)
+                for note in section.notes:
+                    say(note)
 
             opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
-        console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
+        say("bundle in ", out)
         answer({"bundle": out, "sections": [section.record() for section in sections]})
     return out
 
 
-def _update(console: Console, files: tuple[Path, ...]) -> "tuple[Path, Update]":
+def _update(files: tuple[Path, ...]) -> "tuple[Path, Update]":
     """Correct a bundle from shots that were taken with it; return the bundle and the result.
 
     Raises:
@@ -102,25 +102,21 @@ def _update(console: Console, files: tuple[Path, ...]) -> "tuple[Path, Update]":
         )
     bundle, *shots = files
     found = update_bundle(bundle, shots)
-    grid = Table(box=None, pad_edge=False, title="the masks since", title_justify="left", title_style="bold")
-    for heading in ("found", "value ± standard error", ""):
-        grid.add_column(heading)
-    for name, estimate in found.parameters.items():
-        grid.add_row(name, str(estimate), "corrected" if name in found.taken else "")
-    console.print(grid)
+    rows = [
+        (name, str(estimate), "corrected" if name in found.taken else "") for name, estimate in found.parameters.items()
+    ]
+    print_table(("found", "value ± standard error", ""), rows, "the masks since")
     for file in found.silent:
-        console.print(f"{file} does not show where its masks are", markup=False, soft_wrap=True)
+        say(f"{file} does not show where its masks are")
     if found.kept is None:
-        console.print("no significant displacement of the masks from the bundle's: nothing was changed", soft_wrap=True)
+        say("no significant displacement of the masks from the bundle's: nothing was changed")
     else:
-        console.print(f"masks moved by up to {found.largest_px:.3g} px, by {found.shots} shots", highlight=False)
-        console.print(
-            f"bundle in [bold]{escape(str(bundle))}[/], the old one in {escape(str(found.kept))}", soft_wrap=True
-        )
+        say(f"masks moved by up to {found.largest_px:.3g} px, by {found.shots} shots")
+        say("bundle in ", bundle, f", the old one in {found.kept}")
     return bundle, found
 
 
-def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:
+def _print_drift(changes: list["Change"], notes: tuple[str, ...]) -> None:
     """Report the drift since a calibration.
 
     Raises:
@@ -128,18 +124,16 @@ def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ..
     """
     from gs2ci_calibration.refusals import CalibrationError, Reason
 
-    grid = Table(box=None, pad_edge=False)
-    for heading in ("since the calibration", "change ± standard error", "allowed", ""):
-        grid.add_column(heading)
+    rows = []
     for change in changes:
         unit = "" if change.unit == "1" else f" {change.unit}"
         limit = "" if change.limit is None else f"{change.limit:.3g}{unit}"
         verdict = "NO" if change.too_far else "ok" if limit else ""
         value = f"{change.value:+.3g} ± {change.error:.1g}{unit}"
-        grid.add_row(change.what, value, limit, verdict, style="bold red" if change.too_far else "")
-    console.print(grid)
+        rows.append((change.what, value, limit, verdict))
+    print_table(("since the calibration", "change ± standard error", "allowed", ""), rows)
     for note in notes:
-        console.print(note, markup=False, soft_wrap=True)
+        say(note)
     drifted = [change for change in changes if change.too_far]
     if drifted:
         steps = dict.fromkeys(change.step for change in drifted)
@@ -149,14 +143,3 @@ def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ..
             f"{', '.join(change.what for change in drifted)} changed by more than allowed since the calibration",
             remedy=f"run `gs2ci calibrate` {', '.join(steps)} again",
         )
-
-
-def _print_section(console: Console, section: "Section") -> None:
-    grid = Table(box=None, pad_edge=False, title=section.name, title_justify="left", title_style="bold")
-    for heading in ("found", "value ± standard error"):
-        grid.add_column(heading)
-    for name, estimate in section.estimates.items():
-        grid.add_row(name, str(estimate))
-    console.print(grid)
-    for note in section.notes:
-        console.print(note, markup=False, soft_wrap=True)

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from gs2ci.api.display import open_display
 from gs2ci.api.options import check_whole
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import print_table, say
 
 if TYPE_CHECKING:
     from gs2ci.api.rigs import OpenRig
@@ -67,7 +65,6 @@ def run(
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     with answered(json) as answer:
-        console = Console()
         with open_rig(rig) as opened:
             opened.trace_to(None if dry_run else out)
             opened.log_to(None if dry_run else out)
@@ -76,7 +73,7 @@ def run(
                 prepared = opened.plan(
                     shots=asked, seed=seed, calibration=calibration, probe=probe and not dry_run, progress=display
                 )
-            _print_plan(console, opened, prepared)
+            _print_plan(opened, prepared)
             prepared.plan.require_sound()
             if until is not None:
                 check_judged(prepared.plan)
@@ -89,33 +86,28 @@ def run(
         light = bench.light if bench else None
         if light is not None and light.plans:
             last = light.plans[max(light.plans)]
-            console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
+            say(f"the light path {last.summary()}")
         if prepared.calibrated is not None:
-            console.print(
-                f"masks from {prepared.calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True
-            )
-            _say_where_masks_were(console, out, prepared)
+            say(f"masks from {prepared.calibrated.bundle.path}")
+            _say_where_masks_were(out, prepared)
         count, wanted = count_shots(out), prepared.plan.settings.shots
         if count < wanted and until is None:
-            lost = f"{wanted - count} of {wanted} exposures were lost; the file's events name them"
-            console.print(lost, markup=False, highlight=False, soft_wrap=True)
-        console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
+            say(f"{wanted - count} of {wanted} exposures were lost; the file's events name them")
+        say(f"{count} shot{'s' if count > 1 else ''} in ", out)
         answer({"file": out, "shots": count, "plan": figures})
         return out
 
 
 def _say_what_can_be_saved(partial: Path) -> None:
     """Print the path of the shots that were taken before a capture ended early."""
-    Console(stderr=True).print(
-        f"save the shots taken before: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
-    )
+    say(f"save the shots taken before: gs2ci recover {partial}", aside=True)
 
 
 # Number of shots that are checked if there are many, the first and the last among them.
 _LOOKED_AT: Final = 4
 
 
-def _say_where_masks_were(console: Console, out: Path, prepared: "Prepared") -> None:
+def _say_where_masks_were(out: Path, prepared: "Prepared") -> None:
     """Report how far the masks of coded shots had moved against the bundle, if reconstruction is installed here."""
     from gs2ci.core.storage import count_shots, read_shot
     from gs2ci.rig.updating import can_look, how_far_moved
@@ -137,20 +129,14 @@ def _say_where_masks_were(console: Console, out: Path, prepared: "Prepared") -> 
             said = f"WARNING: shot {index + 1}: masks are displaced by up to {off} {moved.allowed_px:.2f} px; {remedy}"
         else:
             said = f"shot {index + 1}: masks within {max(moved.largest_px, 3 * moved.error_px):.2f} px of the bundle's"
-        style = "bold red" if said.startswith("WARNING") else None
-        console.print(said, markup=False, highlight=False, soft_wrap=True, style=style)
+        say(said, style="bold red" if said.startswith("WARNING") else "")
 
 
-def _print_plan(console: Console, rig: "OpenRig", prepared: "Prepared") -> None:
+def _print_plan(rig: "OpenRig", prepared: "Prepared") -> None:
     from gs2ci_drivers.plan import table
 
     devices, stage = rig.devices, rig.devices.stage
     names = [devices.modulator.info.model, devices.sensor.info.model, stage.info.model if stage else "no stage"]
     kind = "simulated" if rig.simulated else "real"
-    console.print(f"[bold]{escape(rig.name)}[/] ({kind}): {escape(', '.join(names))}", soft_wrap=True)
-    grid = Table(box=None, pad_edge=False)
-    for heading in ("plan", "value", "allowed", ""):
-        grid.add_column(heading)
-    for what, value, limit, verdict in table(prepared.plan):
-        grid.add_row(what, value, limit, verdict, style="bold red" if verdict == "NO" else "")
-    console.print(grid)
+    say("", rig.name, f" ({kind}): {', '.join(names)}")
+    print_table(("plan", "value", "allowed", ""), table(prepared.plan))

@@ -8,11 +8,11 @@ from statistics import fmean
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 
 from gs2ci.api.decoding import check_decode, decode, decode_all
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import InputError
 
 
@@ -60,18 +60,15 @@ def run(
 
 
 def _print(output: Path, report: dict[str, Any]) -> None:
-    console = Console(highlight=False)
     count, seconds = len(report["shots"]), report["seconds"]
-    console.print(
+    say(
         f"{report['name']}: {count * report['views']} views from {count} exposure{'s' if count > 1 else ''} by "
-        f"{report['shots'][0]['method']['name']} in {seconds:.1f} s",
-        markup=False,
-        soft_wrap=True,
+        f"{report['shots'][0]['method']['name']} in {seconds:.1f} s"
     )
     if report["psnr_db"] is not None:
-        console.print(f"PSNR {report['psnr_db']:.2f} dB, SSIM {report['ssim']:.4f} (means over views)")
+        say(f"PSNR {report['psnr_db']:.2f} dB, SSIM {report['ssim']:.4f} (means over views)")
     rms = fmean(shot["residual"]["rms"] for shot in report["shots"])
-    console.print(f"residual {rms:.4f} rms, in units of a view's full scale")
+    say(f"residual {rms:.4f} rms, in units of a view's full scale")
     for note in dict.fromkeys(note for shot in report["shots"] for note in shot["notes"]):
-        console.print(note, markup=False, soft_wrap=True)
-    console.print(f"{output}  views/ has the pictures", markup=False, soft_wrap=True)
+        say(note)
+    say(f"{output}  views/ has the pictures")

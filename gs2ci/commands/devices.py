@@ -6,11 +6,8 @@ Here: the arguments and the printing. Not here: opening devices and looking for 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import print_table, say
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,51 +30,47 @@ def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) ->
         InputError: Nothing can be homed, because no rig is given, or it has no stage.
         DeviceError: A device does not answer.
     """
-    console = Console()
     if home and rig is None:
         from gs2ci_drivers.failures import HOME_COMMAND
 
         raise InputError("--home without a rig", remedy=HOME_COMMAND)
     with answered(json) as answer:
         if rig is None:
-            answer(_print_found(console))
+            answer(_print_found())
             return
         from gs2ci.api.rigs import open_rig
 
         with open_rig(rig) as opened:
-            told = _print_devices(console, opened.devices)
+            told = _print_devices(opened.devices)
             if home:
                 if opened.devices.stage is None:
                     raise InputError(f"--home: {rig} names no stage", remedy="add [stage] to it, or leave --home out")
                 positions = opened.home()
                 homed = ", ".join(f"{axis} {mm:.4f} mm" for axis, mm in positions.items())
-                console.print(f"homed: {homed}", highlight=False)
+                say(f"homed: {homed}")
                 told["homed_mm"] = positions
             answer(told)
 
 
-def _print_found(console: Console) -> list[dict[str, str]]:
+def _print_found() -> list[dict[str, str]]:
     from gs2ci.api.rigs import find_devices
 
     found = find_devices()
     if all(kind == "compute" for kind, _, _ in found):
-        console.print("no camera, serial port or modulator was found; `gs2ci doctor` says what may be missing")
+        say("no camera, serial port or modulator was found; `gs2ci doctor` says what may be missing")
     for kind, port, name in found:
         place = f"--device {port}" if kind == "compute" else f"port = {port!r}"
-        console.print(f"{kind:<10} {place}  {escape(name)}", highlight=False, soft_wrap=True)
+        say(f"{kind:<10} {place}  {name}")
     return [{"kind": kind, "port": port, "name": name} for kind, port, name in found]
 
 
-def _print_devices(console: Console, devices: "Devices") -> dict[str, Any]:
+def _print_devices(devices: "Devices") -> dict[str, Any]:
     told: dict[str, Any] = {}
     for rows in (_modulator(devices.modulator), _sensor(devices.sensor), _stage(devices.stage)):
         (kind, model), *others = rows
         told[kind] = {"model": model, **dict(others)}
-        grid = Table(box=None, show_header=False, pad_edge=False)
-        for row in rows:
-            grid.add_row(*(escape(text) for text in row))
-        console.print(grid)
-        console.print()
+        print_table((), rows)
+        say()
     return told
 
 

@@ -6,9 +6,9 @@ Here: the arguments and the printing. Not here: the checks (`gs2ci.rig.doctor`).
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
 
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import Gs2ciError
 
 MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]"}
@@ -29,9 +29,10 @@ def run(*, rig: Path, trigger_loop: bool = True, json: AsJson = False) -> None:
         found = []
         for finding in opened.doctor(trigger_loop=trigger_loop):
             found.append(finding)
-            console.print(f"{MARKS[finding.verdict]} {escape(finding.what)}: {escape(finding.detail)}", soft_wrap=True)
+            console.print(MARKS[finding.verdict], end=" ")
+            say(f"{finding.what}: {finding.detail}")
             for line in finding.remedy.splitlines():
-                console.print(f"       {escape(line)}", soft_wrap=True)
+                say(f"       {line}")
         answer(found)
     bad = sum(finding.verdict == "bad" for finding in found)
     if bad:

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from gs2ci.api import scoring
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import print_table, say
 from gs2ci.commands.reconstruct import chosen_exposures
 
 
@@ -67,16 +66,10 @@ def run(
     found = scoring.evaluate(folder, measured, depth=depth, novel=novel, **options)
     written = write_evaluation(output, found)
     with answered(json) as answer:
-        table = Table(show_header=False, box=None)
-        for name, value in rows(found):
-            table.add_row(name, value)
-        console = Console()
-        console.print(table)
-        for exposure in found["exposures"]:
-            console.print(of_exposure(exposure), markup=False, soft_wrap=True)
-        for note in found["notes"]:
-            console.print(note["sentence"], markup=False, soft_wrap=True)
-        console.print(str(written), markup=False, soft_wrap=True)
+        print_table((), rows(found))
+        exposures, notes = found["exposures"], found["notes"]
+        for line in (*map(of_exposure, exposures), *(note["sentence"] for note in notes), written):
+            say(line)
         answer(found)
     return written
 

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.exports import ExportFormat, export
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.progress import Silent
 
 
@@ -37,9 +37,7 @@ def run(
     with answered(json) as answer:
         heard = Silent()
         written = export(folder, to, output, progress=heard, **options)
-        console = Console(highlight=False)
-        for sentence in heard.sentences:
-            console.print(sentence, markup=False, soft_wrap=True)
-        console.print(str(written), markup=False, soft_wrap=True)
+        for line in (*heard.sentences, written):
+            say(line)
         answer({"path": written, "format": to, "notes": heard.sentences})
     return written

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.markup import escape
 
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.shots import check_imports, import_file, picked
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
 
@@ -81,7 +80,7 @@ def run(
         imported = import_file(file, masks, **known)
         kept = picked(imported.shots, index, file)
         written = _written(out, kept, overwrite)
-        _print(Console(), file, written, imported, index)
+        _print(file, written, imported, index)
         answer({"file": written[0], "shots": len(kept), "guesses": list(imported.guesses)})
         return written[0]
 
@@ -137,11 +136,10 @@ def _camera(words: tuple[str, ...]) -> Path | list[float] | None:
     return values
 
 
-def _print(console: Console, file: Path, written: list[Path], imported: "Imported", index: int | None) -> None:
-    console.print(f"[bold]{escape(file.name)}[/]")
+def _print(file: Path, written: list[Path], imported: "Imported", index: int | None) -> None:
+    say("", file.name)
     for guess in imported.guesses:
-        style = "yellow" if guess.startswith("WARNING") else ""
-        console.print(f"  • {escape(guess)}", style=style, highlight=False, soft_wrap=True)
+        say(f"  • {guess}", style="yellow" if guess.startswith("WARNING") else "")
     count = len(imported.shots) if index is None else 1
     told = str(written[0]) if len(written) == 1 else f"{written[0]} to {written[-1]}, one each for its own masks"
-    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(told)}[/]", soft_wrap=True)
+    say(f"{count} shot{'s' if count > 1 else ''} in ", told)

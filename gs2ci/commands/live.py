@@ -8,10 +8,9 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.rigs import OpenRig, open_rig
+from gs2ci.commands.lines import say
 
 
 @with_options_of(OpenRig.live, without=("self",))
@@ -29,7 +28,7 @@ def run(*, rig: Path, **options: Any) -> None:
         Gs2ciError: A device does not answer, the rig file is invalid, or no port is free.
     """
     with open_rig(rig) as opened, opened.live(**options) as page:
-        Console().print(f"the bench is at {page.address}; Ctrl-C ends this", soft_wrap=True, highlight=False)
+        say(f"the bench is at {page.address}; Ctrl-C ends this")
         with contextlib.suppress(KeyboardInterrupt):
             wait_for_the_end()
 

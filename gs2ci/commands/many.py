@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from gs2ci.api.many import reconstruct_many
 from gs2ci.commands.answers import answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import Gs2ciError
 
 
@@ -41,6 +40,5 @@ def run_many(files: Sequence[Path], output: Path, *, json: bool, **options: Any)
 
 
 def _print(output: Path) -> None:
-    console = Console(highlight=False)
-    console.print(f"{output / 'index.html'}  all of them on one page", soft_wrap=True, markup=False)
-    console.print(f"{output / 'runs.csv'}  a line each", soft_wrap=True, markup=False)
+    say(f"{output / 'index.html'}  all of them on one page")
+    say(f"{output / 'runs.csv'}  a line each")

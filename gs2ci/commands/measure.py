@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import plain_json
 
@@ -42,13 +42,12 @@ def run(
     chosen = middle_view(finished) if view is None else view
     found = measured(finished, *pixels, view=chosen)
     with answered(json) as answer:
-        console = Console(highlight=False)
-        console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen})")
+        say(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen})")
         for text, point, confidence in zip((pixel, other_pixel), found.points, found.confidence, strict=True):
             place = ", ".join(f"{value:.5g}" for value in point)
-            console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
+            say(f"  {text}: at {place}; confidence {confidence:.2f}")
         for doubt in found.doubts:
-            console.print(doubt, markup=False)
+            say(doubt)
         answer({**plain_json(found), "view": chosen})
     return found.length
 

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.exports import mesh
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 
 
 @with_options_of(mesh, without=("run", "path"))
@@ -34,6 +34,6 @@ def run(
     """
     with answered(json) as answer:
         written = mesh(folder, output, **options)
-        Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
+        say(written)
         answer({"path": written})
     return written

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated, Final, Literal, cast
 
 import tyro
-from rich.console import Console
-from rich.markup import escape
 
 from gs2ci.api.models import Network, NotedModel, add_model, export_model, list_models
 from gs2ci.api.options import check_whole
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
@@ -70,12 +69,12 @@ def run(
             return None
         if action == "add":
             added = add_model(cast(ModelName, str(what[0])), what[1])  # a wrong name lists the valid ones
-            _say(f"{added.name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
+            say(f"{added.name}: ", added.path, f"\nsha256 {added.sha256}")
             answer(added)
             return added.path
         network = cast("Network", action.removeprefix("export-"))
         written = export_model(network, what[0], output, views=views, overwrite=overwrite)
-        _say(f"{written.about}, in [bold]{escape(str(written.path))}[/]")
+        say(f"{written.about}, in ", written.path)
         answer(written)
         return written.path
 
@@ -85,12 +84,9 @@ def _list() -> list[NotedModel]:
     for name in MODEL_NAMES:
         model = noted.get(name)
         if model is None:
-            _say(f"{name}: none")
+            say(f"{name}: none")
             continue
-        state = f"\n  [bold red]{escape(model.problem)}[/]" if model.problem else ""
-        _say(f"{name}: [bold]{escape(str(model.path))}[/]\n  sha256 {model.sha256}{state}")
+        say(f"{name}: ", model.path, f"\n  sha256 {model.sha256}")
+        if model.problem:
+            say(f"  {model.problem}", style="bold red")
     return list(noted.values())
-
-
-def _say(text: str) -> None:
-    Console().print(text, soft_wrap=True)

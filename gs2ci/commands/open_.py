@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import tyro
-from rich.console import Console
 
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import StorageError
 
 # Pages of our folders; the first that exists is opened.
@@ -35,7 +35,5 @@ def run(
             raise StorageError(f"{folder} is no folder", remedy="give the folder that `gs2ci reconstruct -o` wrote")
         page = open_run(folder).page()
     seen = open_page(page)
-    console = Console(highlight=False)
-    said = str(page) if seen else f"{page}: no browser was found here; open this file in one"
-    console.print(said, markup=False, soft_wrap=True)
+    say(page if seen else f"{page}: no browser was found here; open this file in one")
     return page

@@ -17,6 +17,7 @@ from gs2ci.api import plans
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.display import open_display
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import check_earlier, check_place, write_whole
 
@@ -89,7 +90,7 @@ def _swept(
     print_sweeps(sweeps, console)
     if picture is not None:
         write_whole(picture, drawn(sweeps))
-        console.print(f"map of regimes: {picture}", markup=False, soft_wrap=True)
+        say(f"map of regimes: {picture}")
     return [one.record() for one in sweeps]
 
 

@@ -8,6 +8,7 @@ from rich.table import Table
 
 from gs2ci.api.plugins import list_plugins
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.plugins import GROUPS, Plugin
 
 
@@ -27,9 +28,8 @@ def run(*, json: AsJson = False) -> list[Plugin]:
 
 
 def _print(found: list[Plugin]) -> None:
-    console = Console(highlight=False)
     if not found:
-        console.print("No plug-ins are installed. docs/plugins.md says how to make one.", markup=False)
+        say("No plug-ins are installed. docs/plugins.md says how to make one.")
         return
     table = Table(box=None, padding=(0, 3, 0, 0))
     for heading in ("plug-in", "from", "used as", "defined in"):
@@ -37,9 +37,7 @@ def _print(found: list[Plugin]) -> None:
     for plugin in found:
         name = plugin.name if not plugin.problem else f"{plugin.name} (left out)"
         table.add_row(name, plugin.origin, GROUPS[plugin.group], plugin.target)
-    console.print(table)
+    Console(highlight=False).print(table)
     for plugin in found:
         if plugin.problem:
-            console.print(
-                f"{plugin.name} of {plugin.origin} is left out: {plugin.problem}", markup=False, soft_wrap=True
-            )
+            say(f"{plugin.name} of {plugin.origin} is left out: {plugin.problem}")

@@ -11,6 +11,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.markdown import Markdown
 
+from gs2ci.commands.lines import say
+
 # The space that rich leaves beside the text of a table's column, characters.
 _BESIDE = 2
 
@@ -25,7 +27,7 @@ def print_pages(text: str, pages: Iterable[Path]) -> None:
     console = Console()
     console.print(Markdown(split_tables(text, console.width)))
     for page in pages:
-        console.print(str(page), markup=False, soft_wrap=True)
+        say(page)
 
 
 def split_tables(text: str, width: int) -> str:

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
-from rich.markup import escape
 
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 
 
 def run(
@@ -56,5 +55,5 @@ def save_finished_rows(partial: Path, target: Path | None, *, replace: bool = Fa
     saved = recover(partial, target, overwrite=replace)
     count = count_shots(saved)
     rows = f"{count} finished row{'s' if count != 1 else ''}"
-    Console().print(f"{rows} of {escape(partial.name)} saved in [bold]{escape(str(saved))}[/]", soft_wrap=True)
+    say(f"{rows} of {partial.name} saved in ", saved)
     return saved

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
-from rich.text import Text
 
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 
 
 def run(
@@ -40,7 +39,6 @@ def run(
     with answered(json) as answer:
         page = write_run_page(folder, output)
         size = page.stat().st_size
-        line = Text(str(page), style="bold").append(f"  {size / 1e6:.1f} MB, one file", style="dim")
-        Console().print(line, soft_wrap=True)
+        say("", page, f"  {size / 1e6:.1f} MB, one file")
         answer({"page": page, "bytes": size})
     return page

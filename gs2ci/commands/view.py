@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.options import check_whole
 from gs2ci.api.runs import Run
+from gs2ci.commands.lines import say
 
 
 @with_options_of(Run.view, without=("self",))
@@ -39,7 +39,7 @@ def run(
     server = serve(scene, **options)
     found = f"{len(scene.means)} Gaussians, {len(scene.camera_to_world)} cameras"
     try:
-        Console().print(f"{found} at {server.address}; Ctrl-C ends this", soft_wrap=True, highlight=False)
+        say(f"{found} at {server.address}; Ctrl-C ends this")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
     finally:

@@ -222,8 +222,7 @@ class MotionSection:
     `heldout_rms` is each attempt's residual on the held-out pixels, and `chosen` the one that was taken. If it `moves`,
     the share `pixels_share` of the picture moves by half a pixel or more over the exposure, by `median_px` in the
     median, the fastest percent by `most_px`; `gaussians_share` is the share of the Gaussians' opacity that moves. In
-    the share `unfollowed` of the picture the best still scene erred over time and the decode did not. `known_at_rest`:
-    the camera was known to be at rest.
+    the share `unfollowed` of the picture the best still scene erred over time and the decode did not.
     """
 
     asked: Literal["auto", "off", "on"]
@@ -231,11 +230,6 @@ class MotionSection:
     moves: bool
     explained: Number | None
     blocks: Number | None
-    patch_gain: Number | None = None
-    behind_decode: bool | None = None
-    got_worse: bool | None = None
-    no_path: bool | None = None
-    known_at_rest: bool | None = None
     unfollowed: Number | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str

@@ -218,7 +218,7 @@ class Report(BaseModel):
     @property
     def known_at_rest(self) -> bool:
         """Get whether the camera is known to have been at rest, so that there is neither a path nor a depth to show."""
-        return self.found(Code.CAMERA_AT_REST) is not None or self.found(Code.CAMERA_GIVEN_AT_REST) is not None
+        return self.found(Code.CAMERA_GIVEN_AT_REST) is not None
 
     @property
     def length_unit(self) -> str:

@@ -66,12 +66,9 @@ class LeftOut(StrEnum):
     DISPLACEMENTS = "displacements"
     ERRORS_OVER_TIME = "errors over time"
     MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
-    PATCH_TEST_OF_MOTION = "patch test of motion"
     REPEATS_DECODED_TOGETHER = "repeats decoded together"
-    REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"
     TRACKS_SOUGHT_TWICE = "tracks sought twice"
-    WIDE_MATCHES = "wide matches"
 
 
 MOST_MOMENTS: Final = 1000

@@ -162,24 +162,18 @@ def look_closer(
 ) -> FirstLook:
     """Look, and look again in views decoded by similar patches if those of GAP-TV show only a rotation.
 
-    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first, with a
-    number of views that features of the second join, if they join some.
+    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first.
     """
     first = look(holdout, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
         return first
     progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
     closer = look(holdout, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
-    if closer.geometry.has_path:
-        return closer
-    return replace(first, geometry=replace(first.geometry, joined=closer.geometry.joined or first.geometry.joined))
+    return closer if closer.geometry.has_path else first
 
 
 def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
-    """Tell whether another decode may show a path: tracks in the views of GAP-TV, which hide points, showed a rotation.
-
-    If the camera was found at rest, only things may have moved, and further tracks would be those of the things.
-    """
+    """Tell whether another decode may show a path: tracks in GAP-TV's views, which hide points, showed a rotation."""
     geometry = first.geometry
     by_tracks = geometry.source == PathSource.TRACKS and settings.proxy == "gap-tv"
     return by_tracks and Decoder(settings.first_look) == Decoder.GAP_TV and geometry.verdict == Verdict.ROTATION_ONLY

@@ -72,18 +72,15 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.ADJUSTMENT_OF_POINTS: "points may leave the rays of their corners in a second bundle adjustment",
     },
     "small-motions": {
-        LeftOut.REST_FROM_THE_MEASUREMENT: "a camera at rest is recognised in the measurement before any decode",
         LeftOut.DISPLACEMENTS: "the path that explains displacements of blocks of the measurement replaces worse ones",
     },
     "wide-baseline": {
-        LeftOut.WIDE_MATCHES: "a scene grown from features matched between all pairs of views, where tracks fail",
         LeftOut.MATCHES_IN_A_LONGER_DECODE: "features of all pairs of views are matched again in a longer decode",
     },
     "path-from-fits": {
         LeftOut.SECOND_LOOK: "a doubtful or missing path is estimated again from the views of a fit",
     },
     "moving-scenes": {
-        LeftOut.PATCH_TEST_OF_MOTION: "before moving scenes are fitted, four steps of patches must explain more",
         LeftOut.DENSE_POLISH: "refined views of scenes in which things may move are decoded on by dense patches",
     },
     "combination": {

@@ -15,7 +15,6 @@ from gs2ci.core.findings import Finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
@@ -25,7 +24,6 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
-from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
 from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.doubts import doubt_about_lamps, doubts_about
 from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
@@ -134,9 +132,6 @@ def observe(
     first = (look_closer if settings.may_look_again else look)(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
-    matches = settings.may_look_again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
-    if matches and joins_in_part(first):
-        first = look_far_apart(first, holdout, lens, settings, progress, clock.lap) or first
     fits = _fits(first, lens, settings, progress, clock, score, halt)
     first, order = fits.order_of(first)
     fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))

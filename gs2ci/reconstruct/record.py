@@ -25,7 +25,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
 from gs2ci.reconstruct.geometry.path.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.path.telemetry import movement
-from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings, order_findings
+from gs2ci.reconstruct.hypotheses.findings import course_findings, order_findings
 from gs2ci.reconstruct.hypotheses.moving import Speeds
 from gs2ci.reconstruct.hypotheses.race import Raced
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -132,7 +132,6 @@ def _notes(left: Left, settings: Settings, moved: Moved) -> tuple[Finding, ...]:
             *left.look.notes,
             *(() if left.mask_moments is None else (left.mask_moments.note,)),
             *geometry.notes,
-            *joined_findings(geometry),
             *order_findings(left.raced.order, geometry),
             *course_findings(left.raced.course, dict(left.raced.motion.heldout_rms)),
             *left.raced.motion.notes(left.speeds, ensemble.best.world_to_camera if poses_known else None),

@@ -1,7 +1,8 @@
 """The depth at which a pixel's light is stopped along its ray: the definition of depth.
 
-Here: the contents of a depth map, its constants, and the profile of a Gaussian along a ray. Not here: its computation
-(`Backend.depths`, by the definition in `tests/render/reference.py` and the kernel in `cpu/stopping.py`).
+Here: the contents of a depth map, its constants, the profile of a Gaussian along a ray, and what each Gaussian says of
+depth in each view, for all renderers. Not here: what follows for pixels (`Backend.depths`, by the definition in
+`tests/render/reference.py` and kernels in `cpu/stopping.py` and `warp/stopping.py`).
 
 Gaussian i stops the share w_i = alpha_i T_i of a pixel's light, as in blending. It does so not at the depth of its
 centre but where the Gaussian is densest along the ray. With the affine camera of the image model, depth z and screen
@@ -22,6 +23,9 @@ from typing import Final
 
 import torch
 from torch import Tensor
+
+from gs2ci.render.conventions import DILATION_PX2, FRUSTUM_MARGIN, LOG_SCALE_MAX, NEAR
+from gs2ci.render.gaussians import rotation_matrices
 
 DEPTH_QUANTILE: Final = 0.5
 """The share of a pixel's stopped light that has been stopped at its depth."""
@@ -76,3 +80,50 @@ class StoppedLight:
     def surface(self) -> Tensor:
         """Return the depth, [V, H, W], 0 at pixels where less than `OPAQUE` of the light is stopped."""
         return torch.where(self.stopped >= OPAQUE, self.depth, 0.0)
+
+
+def depth_fields(
+    means: Tensor,
+    log_scales: Tensor,
+    quaternions: Tensor,
+    world_to_camera: Tensor,
+    intrinsics: Tensor,
+    size: tuple[int, int],
+) -> Tensor:
+    """Find what each Gaussian says of depth in each view, in float64 on the way.
+
+    Args:
+        means: [G, 3], or in each view [V, G, 3].
+        log_scales: [G, 3].
+        quaternions: Of any norm, (w, x, y, z), [G, 4].
+        world_to_camera: [V, 4, 4].
+        intrinsics: [3, 3].
+        size: Height and width of the frame, px.
+
+    Returns:
+        Depth of the centre, its change per px along x and y as shares of that, and the standard deviation of depth
+        along a ray, scene units, [V, G, 4] float32.
+    """
+    means, log_scales, quaternions, world_to_camera = (
+        one.detach().double() for one in (means, log_scales, quaternions, world_to_camera)
+    )
+    camera = intrinsics.detach().to(means)
+    focal, centre, extent = camera.diagonal()[:2], camera[:2, 2], camera.new_tensor(size[::-1])
+    low, high = (-centre / focal - FRUSTUM_MARGIN * extent / focal, (extent - centre + FRUSTUM_MARGIN * extent) / focal)
+    factor = rotation_matrices(quaternions) * log_scales.clamp(max=LOG_SCALE_MAX).exp()[:, None]
+    columns = factor.permute(1, 2, 0).reshape(3, -1)
+    fields = means.new_empty(len(world_to_camera), 4, len(log_scales), dtype=torch.float32)
+    for view, pose in enumerate(world_to_camera):
+        points = pose[:3, :3] @ (means if means.ndim == 2 else means[view]).T + pose[:3, 3:]
+        depth = points[2].clamp(min=NEAR)
+        axes = (pose[:3, :3] @ columns).view(3, 3, -1)
+        along = axes[2]
+        x, y = ((axes[k] - (points[k] / depth).clamp(low[k], high[k]) * along) * (focal[k] / depth) for k in (0, 1))
+        # Covariances of the place on screen, px, with itself and with depth.
+        xx, xy, yy = (x * x).sum(0) + DILATION_PX2, (x * y).sum(0), (y * y).sum(0) + DILATION_PX2
+        xz, yz = (x * along).sum(0), (y * along).sum(0)
+        determinant = xx * yy - xy * xy
+        by_x, by_y = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+        sigma = ((along * along).sum(0) - by_x * xz - by_y * yz).clamp(min=0).sqrt()
+        fields[view] = torch.stack([depth, by_x / depth, by_y / depth, sigma])
+    return fields.mT.contiguous()

@@ -14,9 +14,6 @@ import numpy as np
 HISTORY = 4096
 """Pieces of motion that are remembered: some thousand moves, far more than one exposure sees."""
 
-_STEPS = 8
-"""Pieces of constant acceleration in which one grows."""
-
 
 @dataclass(frozen=True)
 class Mechanics:
@@ -76,10 +73,6 @@ class AxisMotion:
 
     def __init__(self, position_mm: float, acceleration_mm_s2: float, mechanics: Mechanics | None = None) -> None:
         self.acceleration_mm_s2 = acceleration_mm_s2
-        self.braking_mm_s2: float | None = None
-        """At the end of moves; None: as at their begin."""
-        self.rounding_s = 0.0
-        """Time in which acceleration grows and falls at both ends of a ramp from or to rest."""
         self.mechanics = mechanics or Mechanics()
         self.ends_s = -inf
         self.moves = 0
@@ -194,29 +187,12 @@ class AxisMotion:
         if v0 and (distance * v0 < 0 or abs(braking) > abs(distance)):
             legs.append((-copysign(a, v0), abs(v0) / a))  # wrong way or too fast: come to rest first
             distance, v0 = distance - braking, 0.0
-        way, b = copysign(1.0, distance), self.braking_mm_s2 or a
-        distance, v0 = abs(distance), abs(v0)
-        if self.rounding_s and not v0:
-            return [*legs, *self._rounded(way, distance, speed_mm_s, a, b)]
-        peak = min(speed_mm_s, sqrt(b * (2 * a * distance + v0 * v0) / (a + b)))
-        cruise = distance - abs(peak * peak - v0 * v0) / (2 * a) - peak * peak / (2 * b)
+        way, distance, v0 = copysign(1.0, distance), abs(distance), abs(v0)
+        peak = min(speed_mm_s, sqrt(a * distance + v0 * v0 / 2))
+        cruise = distance - (abs(peak * peak - v0 * v0) + peak * peak) / (2 * a)
         ramp = (way * copysign(a, peak - v0), abs(peak - v0) / a)
-        legs += [ramp, (0.0, max(cruise, 0.0) / peak if peak else 0.0), (-way * b, peak / b)]
+        legs += [ramp, (0.0, max(cruise, 0.0) / peak if peak else 0.0), (-way * a, peak / a)]
         return legs
-
-    def _rounded(self, way: float, distance: float, speed: float, a: float, b: float) -> list[tuple[float, float]]:
-        """Return a move from rest to rest whose accelerations grow and fall in steps, over `rounding_s` each."""
-        slowness, rounding_s = 1 / a + 1 / b, self.rounding_s
-        peak = min(speed, (sqrt(rounding_s**2 + 2 * slowness * distance) - rounding_s) / slowness)
-        gone, ends = 0.0, []
-        for most in (a, b):
-            grows_s = min(rounding_s, peak / most)
-            rise = [(most * (k + 0.5) / _STEPS, grows_s / _STEPS) for k in range(_STEPS)]
-            ends.append([*rise, (most, peak / most - grows_s), *reversed(rise)])
-            gone += peak / 2 * (peak / most + grows_s)
-        begin, end = ends
-        cruise = (0.0, max(distance - gone, 0.0) / peak if peak else 0.0)
-        return [*((way * one, s) for one, s in begin), cruise, *((-way * one, s) for one, s in end)]
 
     def _astray_mm(self, distance_mm: float) -> float:
         """Draw how far from its target the next move truly ends, all slips before included."""

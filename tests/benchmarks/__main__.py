@@ -50,7 +50,6 @@ BENCHMARKS = (
     "path_error",
     "brightness",
     "no_motion",
-    "at_rest",
     "stage_poses",
     "stage_interleavings",
     "disturbed_sweeps",

@@ -71,8 +71,7 @@ def compiled(arch: int) -> list[Kernel]:
 
 def launched_by_blocks() -> list[tuple[Any, int]]:
     """Return the kernels whose threads wait for each other, each in a module of its own, and their blocks' threads."""
-    from gs2ci.reconstruct.decode.patches import device_groups  # noqa: PLC0415  an extra
-    from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
+    from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415  an extra
     from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
     from gs2ci.reconstruct.geometry.depth import device_paths  # noqa: PLC0415
     from gs2ci.render.warp import blend, project  # noqa: PLC0415
@@ -80,7 +79,7 @@ def launched_by_blocks() -> list[tuple[Any, int]]:
 
     of_fit = [one for one in (*kernels.ALL, *device_loss_kernels.ALL) if one.module.name != one.func.__module__]
     tiled = [(blend.blend, BLOCK), (blend.blend_backward, BLOCK), (project.sum_poses, 256)]
-    tiled += [(one, module.THREADS) for module in (device_groups, device_paths) for one in module.ALL]
+    tiled += [(one, device_paths.THREADS) for one in device_paths.ALL]
     return tiled + [(one, int(kernels.SUMMED)) for one in of_fit]
 
 

@@ -14,7 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.matching import SIDE, Lattice, find_groups
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render import places, recording
+from gs2ci.render import devices, places, recording
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.places import working_on
@@ -76,11 +76,21 @@ class Asked:
 
 
 def asked() -> Asked:
-    """Return the renderer on the device that the environment names, and whether only the flow is to be run."""
+    """Return the renderer on the device that the environment names, and whether only the flow is to be run.
+
+    Raises:
+        SystemExit: It names none, and there is no CUDA device: minutes on a card are not to be spent on the host.
+    """
     from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415  an extra
 
-    raster: RasterSettings = Settings().raster
-    return Asked(WarpBackend(raster, os.environ.get("GS2CI_DEVICE")), bool(os.environ.get("GS2CI_SMALL")))
+    named, raster = os.environ.get("GS2CI_DEVICE"), Settings().raster
+    if named is None:
+        # Files that tell of a driver may be hidden from a container.
+        found = devices.compute_devices(replace(devices.CudaProbe(), has_driver=lambda: True))
+        if not any(name.startswith("cuda:") for name, _ in found):
+            about = "".join(f"\n{name}: {words}" for name, words in found)
+            raise SystemExit(f"no CUDA device; GS2CI_DEVICE=cpu GS2CI_SMALL=1 runs the flow of all by fibers{about}")
+    return Asked(WarpBackend(raster, named), bool(os.environ.get("GS2CI_SMALL")))
 
 
 # ------------------------------------------------------------------------------------------------ here and errors

@@ -19,9 +19,10 @@ from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode import denoisers, pnp
 from gs2ci.reconstruct.decode.patches import denoiser, matching
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
+from gs2ci.reconstruct.fit.surfaces.surfaces import Surfaces
 from gs2ci.reconstruct.geometry.depth import sweep
 from gs2ci.reconstruct.presets.named import preset
-from gs2ci.reconstruct.uncertainty import estimate, information
+from gs2ci.reconstruct.uncertainty import estimate
 from gs2ci.render.cpu import backend
 from tests.benchmarks import profile
 from tests.stability.benches import Bench
@@ -31,6 +32,7 @@ SIZE = tuple(int(side) for side in os.environ.get("GS2CI_SIZE", "240x320").split
 MORE = (
     ("iteration: field of depth", DepthField, "step"),
     ("iteration: field of depth", FieldStep, "of_scene"),
+    ("iteration: field of depth", Surfaces, "moved"),
     ("rendering: code of masks", backend.CpuBackend, "code"),
     ("sweeps: views compared, and smoothed", sweep, "_best_planes"),
     ("decode: GAP's projections", pnp, "project_onto_measurement"),
@@ -38,7 +40,6 @@ MORE = (
     ("decode: checks of a step", pnp, "_checked"),
     ("decode: checks of a step", pnp, "_relative"),
     ("standard errors of depths", estimate, "errors_of_depths"),
-    ("standard errors: cells", information, "_cells"),
     ("standard errors: the rest", pipeline, "how_sure"),
     ("patches: groups denoised", denoiser, "denoise_groups"),
     ("patches' search", matching, "match_patches"),
@@ -55,7 +56,6 @@ ON_DEVICE = (
     "fit: error blended back",
     "rendering: code of masks",
     "standard errors of depths",
-    "standard errors: cells",
     *("sweeps: ", "decode: ", "patches: "),
     "kernel: ",
     "depth of each Gaussian",

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from gs2ci.commands import capture
 from gs2ci.core.storage import write_shots
@@ -60,7 +59,7 @@ def test_a_capture_says_how_far_masks_had_moved(files, capsys, file, words):
     write_shots(Path("dark.h5"), [shot_through(masks, masks, light=0.0)[1]])
     plan = SimpleNamespace(settings=SimpleNamespace(mode=Mode.GATE))
     prepared = SimpleNamespace(calibrated=SimpleNamespace(bundle=bundle), plan=plan)
-    capture._say_where_masks_were(Console(), Path(file), prepared)
+    capture._say_where_masks_were(Path(file), prepared)
     assert words in capsys.readouterr().out
 
 
@@ -69,7 +68,7 @@ def test_a_capture_is_silent_about_masks_without_a_bundle_or_what_registers_them
     monkeypatch.setattr(updating, "find_spec", lambda name: None)
     for calibrated in (None, bundle):
         plan = SimpleNamespace(settings=SimpleNamespace(mode=Mode.GATE))
-        capture._say_where_masks_were(Console(), Path("s.h5"), SimpleNamespace(calibrated=calibrated, plan=plan))
+        capture._say_where_masks_were(Path("s.h5"), SimpleNamespace(calibrated=calibrated, plan=plan))
     assert capsys.readouterr().out == ""
 
 

@@ -203,12 +203,12 @@ def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_
     assert not (tmp_path / "run").exists()
 
 
-def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):
+def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_distance(measured, tmp_path):
     standard = PRESETS["standard"]
     assert overridden().on(standard).fine is None
-    assert overridden(fine=True).on(standard).fine.prior == "consistent"
-    named = read_report(quickly(measured, tmp_path / "run", prior="nlm")).settings["fine"]
-    assert (named["prior"], named["distance"]) == ("nlm", "structure")
+    assert overridden(fine=True).on(standard).fine.prior == "none"
+    named = read_report(quickly(measured, tmp_path / "run", distance="structure")).settings["fine"]
+    assert (named["prior"], named["distance"]) == ("none", "structure")
     with pytest.raises(InputError, match="prior 'dream'"):
         quickly(measured, tmp_path / "other", prior="dream")
 

@@ -16,11 +16,11 @@ from gs2ci_drivers.testing.stage import *  # noqa: F403  the tests
 from gs2ci_drivers.testing.stage import StageBench
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.wires.grbl import GrblTwin
 from gs2ci_sims.wires.grbl_build import GrblMachine
 from gs2ci_sims.wires.kinesis import BUILT, KinesisTwin
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
+from tests.twins.grbl import GrblTwin
 
 
 def _zaber(referenced: bool) -> StageBench:

@@ -1,6 +1,6 @@
 """Other controllers that speak GRBL's protocol, as their twins are built."""
 
-from gs2ci_sims.wires.grbl_build import GrblBuild
+from tests.twins.grbl import GrblBuild
 
 GRBLHAL = GrblBuild(
     b"GrblHAL 1.1f ['$' or '$HELP' for help]",

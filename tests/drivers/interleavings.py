@@ -20,11 +20,11 @@ from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.stage import STANDS, Stage
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.wires.grbl import GrblTwin
-from gs2ci_sims.wires.grbl_build import GrblBuild, GrblMachine
-from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
+from gs2ci_sims.wires.grbl_build import GrblMachine
 from gs2ci_sims.world import VirtualClock
 from tests.drivers.grbl_builds import FLUIDNC, GRBLHAL
+from tests.twins.grbl import GrblBuild, GrblTwin, OddMachine
+from tests.twins.zaber import OddAxis, ZaberTwin
 
 STEPS = 12
 KNOWN_MM = 0.01
@@ -234,7 +234,7 @@ class GrblInterleaving(Interleaving):
 class UnlockedInterleaving(GrblInterleaving):
     """One without homing, whose greeting is the user's: it counts from where it was when a session began."""
 
-    machine = GrblMachine({22: 0}, build=GrblBuild(b"Welcome to room 12"))
+    machine = OddMachine({22: 0}, build=GrblBuild(b"Welcome to room 12"))
 
     def at_rest_from_now(self, stage: Stage) -> None:
         super().at_rest_from_now(stage)
@@ -244,13 +244,13 @@ class UnlockedInterleaving(GrblInterleaving):
 class HalInterleaving(GrblInterleaving):
     """A grblHAL controller."""
 
-    machine = GrblMachine(build=GRBLHAL)
+    machine = OddMachine(build=GRBLHAL)
 
 
 class FluidInterleaving(GrblInterleaving):
     """A FluidNC controller."""
 
-    machine = GrblMachine(build=FLUIDNC)
+    machine = OddMachine(build=FLUIDNC)
 
 
 class ZaberInterleaving(Interleaving):
@@ -260,7 +260,7 @@ class ZaberInterleaving(Interleaving):
     firmware = "7.28"
 
     def make_twin(self) -> ZaberTwin:
-        return ZaberTwin(self.clock, {"x": ZaberAxis(max_steps=1000000, start_mm=20.0)}, firmware=self.firmware)
+        return ZaberTwin(self.clock, OddAxis(max_steps=1000000, start_mm=20.0), firmware=self.firmware)
 
     def make_stage(self) -> Stage:
         return ZaberStage("stage0", self.twin.open(), self.clock, ZaberOptions(own_speed_mm_s={"x": 40.0}))

@@ -154,16 +154,6 @@ def test_where_only_a_turn_is_seen_similar_patches_are_asked_once(shot, monkeypa
     assert any("similar patches" in sentence for sentence in listener.sentences) == (looks == 2)
 
 
-def test_what_the_closer_look_says_of_views_that_join_is_kept(shot, monkeypatch):
-    holdout = with_holdout(shot)
-    whole, _ = look_at(holdout, brightness=BrightnessSettings(rounds=0))
-    turned = replace(whole.geometry, verdict="rotation_only")
-    answers = iter([2, 3, 2, 0])
-    monkeypatch.setattr(first_look, "look", lambda *_: replace(whole, geometry=replace(turned, joined=next(answers))))
-    found = [look_closer(holdout, None, load_geometry_prior("tracks"), Settings(), Silent(), [].append) for _ in "ab"]
-    assert [one.geometry.joined for one in found] == [3, 2]
-
-
 def test_no_closer_look_is_taken_where_patches_or_proxies_were_asked_for(shot, monkeypatch):
     holdout = with_holdout(shot)
     whole, _ = look_at(holdout, brightness=BrightnessSettings(rounds=0))

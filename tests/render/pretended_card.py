@@ -30,17 +30,20 @@ class Apart(TorchFunctionMode):
 
     Attributes:
         names: Operations on the card, and how many there were of each.
+        of_floats: Those on numbers that are rounded, so that their order counts.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.names: Counter[str] = Counter()
+        self.of_floats: Counter[str] = Counter()
 
     def __torch_function__(self, function, types, args=(), kwargs=None):
         kwargs, name = kwargs or {}, getattr(function, "__name__", "")
         given = [one for one in tree_leaves((args, kwargs)) if isinstance(one, Tensor)]
         there = any(lies_there(one) for one in given)
         self.names[name] += there
+        self.of_floats[name] += there and any(one.is_floating_point() for one in given)
         if there and name in WITHOUT_COPY:
             raise TypeError(f"{name} of a tensor of the card")
         strangers = [one for one in given if not lies_there(one) and one.ndim]

@@ -3,16 +3,13 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import ALPHA_MAX
-from gs2ci.render.cpu.passes import Inputs, camera_fields
-from gs2ci.render.cpu.stopping import depth_fields
 from gs2ci.render.gaussians import Gaussians, joined
-from gs2ci.render.stopping import NEARBY, RATIO_MAX
+from gs2ci.render.stopping import NEARBY, RATIO_MAX, depth_fields
 from tests.render.backends import BACKENDS, load_backend, to_the_end
 from tests.render.reference import project
 
@@ -159,21 +156,14 @@ def test_what_each_gaussian_says_of_depth_is_what_the_definition_says(moving, ma
     quaternions[0] = 0.0  # turns nothing
     scene = replace(scene, quaternions=quaternions)
     moved = torch.linspace(0, 0.1, len(case.poses))[:, None, None] + scene.means
-    inputs = Inputs(
-        means=np.ascontiguousarray(moved if moving else scene.means, np.float32),
-        log_scales=scene.log_scales.numpy(),
-        quaternions=scene.quaternions.numpy(),
-        logits=scene.opacity_logits.numpy(),
-        colours=scene.colours.numpy(),
-        poses=case.poses.detach().numpy(),
-        camera=camera_fields(case.intrinsics.double().numpy(), *case.size),
-    )
-    for view, found in enumerate(depth_fields(inputs)):
-        then = replace(scene, means=torch.from_numpy(inputs.means[view])) if moving else scene
+    means = moved if moving else scene.means
+    given = (scene.log_scales, scene.quaternions, case.poses, case.intrinsics)
+    for view, found in enumerate(depth_fields(means, *given, case.size)):
+        then = replace(scene, means=moved[view]) if moving else scene
         exact = then.map(lambda t: t.double())
         splats = project(exact, case.poses[view].double(), case.intrinsics.double(), case.size, exact.colours)
         told = torch.cat([splats.depths[:, None], splats.depth_slopes / splats.depths[:, None]], dim=1)
-        ours = torch.from_numpy(found)[splats.index].double()
+        ours = found[splats.index].double()
         torch.testing.assert_close(ours[:, :3], told, rtol=1e-5, atol=1e-7)
-        # Of flat Gaussians a difference of nearly equal numbers is left, in float64 of camera fields in float32.
+        # Of flat Gaussians a difference of nearly equal numbers is left.
         torch.testing.assert_close(ours[:, 3], splats.depth_sigmas, rtol=1e-4, atol=1e-5)

@@ -51,6 +51,14 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
         (MINIMAL + "[world]\n[capture]\ndark_s = 1e15\n", "'dark_s' in .capture. is 1000000000000000.0"),
         (MINIMAL + "[world]\n[capture]\nshots = 1_000_000_000_000\n", "'shots' in .capture. is 1000000000000"),
         (MINIMAL + '[world]\n[stage]\nkind = "zaber"\nmount = {x = [inf, 0.0, 0.0]}\n', "finite"),
+        (
+            MINIMAL + '[world]\n[stage]\nkind = "zaber"\nmount = {x = [0, 0, 0]}\n',
+            "'x' in .stage.mount.*its length is 0, ",
+        ),
+        (
+            MINIMAL + "[world.mount]\ny = [0, 0.001, 0]\n",
+            "'y' in .world.mount.*length is 0.001.*from 0.5 to 2, such",
+        ),
         (f"a = {'[' * 100_000}", "nests too deep"),
         ('name = "be\\u0000nch"\n' + MINIMAL + "[world]\n", "'name' has a NUL character"),
         (MINIMAL.replace('"v4l2"\n', '"v4l2"\nport = "/dev/\\u0000"\n'), "'sensor.port' has a NUL character"),

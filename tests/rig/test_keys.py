@@ -19,8 +19,9 @@ SOURCES = sorted(
     for path in (ROOT / folder).rglob("*.py")
 )
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"]
-NOT_KEYS = {"exposure", "trigger_mode", "lsusb", "unprocessed_raw"}
-"""Backticked in remedies and no keys: a control of the camera, a kernel module's parameter, a program."""
+NOT_KEYS = {"exposure", "trigger_mode", "lsusb", "unprocessed_raw", "transform_matrix", "fl_x", "camera_angle_x"}
+"""Named in remedies and no keys: a control of the camera, a kernel module's parameter, a program, keys of a
+transforms.json."""
 
 
 def models_in(annotation: Any) -> list[type[BaseModel]]:

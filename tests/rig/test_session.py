@@ -14,8 +14,8 @@ from gs2ci.reconstruct.fit.scene.mask_moments import stated_within_mask
 from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
+from tests.twins.zaber import OddAxis, ZaberTwin
 
 RIG = """
 name = "a bench"
@@ -158,7 +158,7 @@ def test_metadata_are_plain_values(tmp_path):
 
 def test_a_stage_without_a_thermometer_says_nothing():
     clock = VirtualClock()
-    twin = ZaberTwin(clock, {"x": ZaberAxis(temperature_c=None)})
+    twin = ZaberTwin(clock, OddAxis(temperature_c=None))
     stage = ZaberStage("stage", twin.open(), clock, ZaberOptions())
     stage.connect()
     assert stage.temperatures_c() == {}

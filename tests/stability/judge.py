@@ -76,7 +76,6 @@ SUM_TOLERANCE = 1e-4
 # These explain a plane instead of depth, and no loss.
 ABOUT_DEPTH = (
     Code.CAMERA_STOOD_STILL,
-    Code.CAMERA_AT_REST,
     Code.CAMERA_GIVEN_AT_REST,
     Code.CAMERA_ONLY_TURNED,
     Code.PARALLAX_MAY_DROWN,

@@ -111,8 +111,6 @@ FITS: Final[dict[str, Change]] = {
 
 FINE: Final[dict[str, Change]] = {
     "fine": partial(_one_fit_with, fine=FineSettings()),
-    "fine, non-local means": partial(_one_fit_with, fine=FineSettings(prior="nlm")),
-    "fine, no prior": partial(_one_fit_with, fine=FineSettings(prior="none")),
 }
 """The fine stage with each prior that needs no weights, and without a prior, which shows the effect of its iterations
 alone."""

@@ -10,59 +10,52 @@ that ctypes packs. Without bit fields it is that of the kernel's compilers; earl
 
 import ctypes
 import enum
-from typing import Final
+from typing import Any, Final
 
 _READ: Final = 2
 _WRITE: Final = 1
 
-u8, u16, u32, u64 = ctypes.c_uint8, ctypes.c_uint16, ctypes.c_uint32, ctypes.c_uint64
-s32, s64 = ctypes.c_int32, ctypes.c_int64
+_TYPES: Final[dict[str, Any]] = {f"u{bits}": getattr(ctypes, f"c_uint{bits}") for bits in (8, 16, 32, 64)} | {
+    "char": ctypes.c_char,
+    "s32": ctypes.c_int32,
+    "s64": ctypes.c_int64,
+}
+
+
+def fields(declared: str, *parts: type[ctypes.Structure | ctypes.Union]) -> tuple[tuple[str, Any], ...]:
+    """Return the fields of a structure that is declared as in the header: a type, its names, [n] behind an array.
+
+    Args:
+        declared: "u32 count type; char name[32]".
+        parts: The structures and unions that it names as types.
+    """
+    types = _TYPES | {part.__name__: part for part in parts}
+    found = []
+    for declaration in declared.split(";"):
+        kind, *names = declaration.split()
+        for name, _, size in (name.rstrip("]").partition("[") for name in names):
+            found.append((name, types[kind] * int(size) if size else types[kind]))
+    return tuple(found)
 
 
 class Capability(ctypes.Structure):
     """struct v4l2_capability: who drives the node and what it can do."""
 
-    _fields_ = (
-        ("driver", ctypes.c_char * 16),
-        ("card", ctypes.c_char * 32),
-        ("bus_info", ctypes.c_char * 32),
-        ("version", u32),
-        ("capabilities", u32),
-        ("device_caps", u32),
-        ("reserved", u32 * 3),
-    )
+    _fields_ = fields("char driver[16] card[32] bus_info[32]; u32 version capabilities device_caps reserved[3]")
 
 
 class FormatDescription(ctypes.Structure):
     """struct v4l2_fmtdesc: one pixel format on offer."""
 
-    _fields_ = (
-        ("index", u32),
-        ("type", u32),
-        ("flags", u32),
-        ("description", ctypes.c_char * 32),
-        ("pixelformat", u32),
-        ("mbus_code", u32),
-        ("reserved", u32 * 3),
-    )
+    _fields_ = fields("u32 index type flags; char description[32]; u32 pixelformat mbus_code reserved[3]")
 
 
 class PixFormat(ctypes.Structure):
     """struct v4l2_pix_format: geometry of a frame that lies in one plane."""
 
-    _fields_ = (
-        ("width", u32),
-        ("height", u32),
-        ("pixelformat", u32),
-        ("field", u32),
-        ("bytesperline", u32),
-        ("sizeimage", u32),
-        ("colorspace", u32),
-        ("priv", u32),
-        ("flags", u32),
-        ("ycbcr_enc", u32),
-        ("quantization", u32),
-        ("xfer_func", u32),
+    _fields_ = fields(
+        "u32 width height pixelformat field bytesperline sizeimage colorspace priv flags ycbcr_enc quantization "
+        "xfer_func",
     )
 
 
@@ -70,254 +63,169 @@ class PlanePixFormat(ctypes.Structure):
     """struct v4l2_plane_pix_format: size and stride of one plane."""
 
     _layout_, _pack_ = "ms", 1
-    _fields_ = (("sizeimage", u32), ("bytesperline", u32), ("reserved", u16 * 6))
+    _fields_ = fields("u32 sizeimage bytesperline; u16 reserved[6]")
 
 
 class PixFormatMplane(ctypes.Structure):
     """struct v4l2_pix_format_mplane: geometry of a frame spread over up to eight planes."""
 
     _layout_, _pack_ = "ms", 1
-    _fields_ = (
-        ("width", u32),
-        ("height", u32),
-        ("pixelformat", u32),
-        ("field", u32),
-        ("colorspace", u32),
-        ("plane_fmt", PlanePixFormat * 8),
-        ("num_planes", u8),
-        ("flags", u8),
-        ("ycbcr_enc", u8),
-        ("quantization", u8),
-        ("xfer_func", u8),
-        ("reserved", u8 * 7),
+    _fields_ = fields(
+        "u32 width height pixelformat field colorspace; PlanePixFormat plane_fmt[8]; "
+        "u8 num_planes flags ycbcr_enc quantization xfer_func reserved[7]",
+        PlanePixFormat,
     )
 
 
 class _FormatUnion(ctypes.Union):
     # The kernel's union also holds struct v4l2_window, whose pointers align it to eight bytes.
-    _fields_ = (("pix", PixFormat), ("pix_mp", PixFormatMplane), ("raw_data", u8 * 200), ("_align", u64))
+    _fields_ = fields("PixFormat pix; PixFormatMplane pix_mp; u8 raw_data[200]; u64 _align", PixFormat, PixFormatMplane)
 
 
 class Format(ctypes.Structure):
     """struct v4l2_format: a buffer type and its format (at byte 8)."""
 
-    _fields_ = (("type", u32), ("fmt", _FormatUnion))
+    _fields_ = fields("u32 type; _FormatUnion fmt", _FormatUnion)
 
 
 class RequestBuffers(ctypes.Structure):
     """struct v4l2_requestbuffers: how many buffers are requested, and how many were allocated."""
 
-    _fields_ = (
-        ("count", u32),
-        ("type", u32),
-        ("memory", u32),
-        ("capabilities", u32),
-        ("flags", u8),
-        ("reserved", u8 * 3),
-    )
+    _fields_ = fields("u32 count type memory capabilities; u8 flags reserved[3]")
 
 
 class Timeval(ctypes.Structure):
     """struct timeval of 64-bit Linux."""
 
-    _fields_ = (("sec", s64), ("usec", s64))
+    _fields_ = fields("s64 sec usec")
 
 
 class Timecode(ctypes.Structure):
     """struct v4l2_timecode; unused, it only takes its place in the buffer."""
 
-    _fields_ = (
-        ("type", u32),
-        ("flags", u32),
-        ("frames", u8),
-        ("seconds", u8),
-        ("minutes", u8),
-        ("hours", u8),
-        ("userbits", u8 * 4),
-    )
+    _fields_ = fields("u32 type flags; u8 frames seconds minutes hours userbits[4]")
 
 
 class _PlaneMemory(ctypes.Union):
-    _fields_ = (("mem_offset", u32), ("userptr", u64), ("fd", s32))
+    _fields_ = fields("u32 mem_offset; u64 userptr; s32 fd")
 
 
 class Plane(ctypes.Structure):
     """struct v4l2_plane: one plane of a multi-plane buffer."""
 
-    _fields_ = (
-        ("bytesused", u32),
-        ("length", u32),
-        ("m", _PlaneMemory),
-        ("data_offset", u32),
-        ("reserved", u32 * 11),
-    )
+    _fields_ = fields("u32 bytesused length; _PlaneMemory m; u32 data_offset reserved[11]", _PlaneMemory)
 
 
 class _BufferMemory(ctypes.Union):
-    _fields_ = (("offset", u32), ("userptr", u64), ("planes", u64), ("fd", s32))
+    _fields_ = fields("u32 offset; u64 userptr planes; s32 fd")
 
 
 class Buffer(ctypes.Structure):
     """struct v4l2_buffer: one frame buffer on its way through the queue."""
 
-    _fields_ = (
-        ("index", u32),
-        ("type", u32),
-        ("bytesused", u32),
-        ("flags", u32),
-        ("field", u32),
-        ("timestamp", Timeval),
-        ("timecode", Timecode),
-        ("sequence", u32),
-        ("memory", u32),
-        ("m", _BufferMemory),
-        ("length", u32),
-        ("reserved2", u32),
-        ("request_fd", s32),
+    _fields_ = fields(
+        "u32 index type bytesused flags field; Timeval timestamp; Timecode timecode; u32 sequence memory; "
+        "_BufferMemory m; u32 length reserved2; s32 request_fd",
+        Timecode,
+        Timeval,
+        _BufferMemory,
     )
 
 
 class QueryExtCtrl(ctypes.Structure):
     """struct v4l2_query_ext_ctrl: name, range and kind of a control."""
 
-    _fields_ = (
-        ("id", u32),
-        ("type", u32),
-        ("name", ctypes.c_char * 32),
-        ("minimum", s64),
-        ("maximum", s64),
-        ("step", u64),
-        ("default_value", s64),
-        ("flags", u32),
-        ("elem_size", u32),
-        ("elems", u32),
-        ("nr_of_dims", u32),
-        ("dims", u32 * 4),
-        ("reserved", u32 * 32),
+    _fields_ = fields(
+        "u32 id type; char name[32]; s64 minimum maximum; u64 step; s64 default_value; "
+        "u32 flags elem_size elems nr_of_dims dims[4] reserved[32]",
     )
 
 
 class _MenuItem(ctypes.Union):
     _layout_, _pack_ = "ms", 1
-    _fields_ = (("name", ctypes.c_char * 32), ("value", s64))
+    _fields_ = fields("char name[32]; s64 value")
 
 
 class QueryMenu(ctypes.Structure):
     """struct v4l2_querymenu: one entry of a menu control."""
 
     _layout_, _pack_ = "ms", 1
-    _fields_ = (("id", u32), ("index", u32), ("u", _MenuItem), ("reserved", u32))
+    _fields_ = fields("u32 id index; _MenuItem u; u32 reserved", _MenuItem)
 
 
 class _ExtControlValue(ctypes.Union):
     _layout_, _pack_ = "ms", 1
-    _fields_ = (("value", s32), ("value64", s64), ("ptr", u64))
+    _fields_ = fields("s32 value; s64 value64; u64 ptr")
 
 
 class ExtControl(ctypes.Structure):
     """struct v4l2_ext_control: one control value (packed)."""
 
     _layout_, _pack_ = "ms", 1
-    _fields_ = (("id", u32), ("size", u32), ("reserved2", u32), ("u", _ExtControlValue))
+    _fields_ = fields("u32 id size reserved2; _ExtControlValue u", _ExtControlValue)
 
 
 class ExtControls(ctypes.Structure):
     """struct v4l2_ext_controls: a batch of control values behind a pointer."""
 
-    _fields_ = (
-        ("which", u32),
-        ("count", u32),
-        ("error_idx", u32),
-        ("request_fd", s32),
-        ("reserved", u32),
-        ("controls", u64),
-    )
+    _fields_ = fields("u32 which count error_idx; s32 request_fd; u32 reserved; u64 controls")
 
 
 class Timespec(ctypes.Structure):
     """struct timespec of 64-bit Linux."""
 
-    _fields_ = (("sec", s64), ("nsec", s64))
+    _fields_ = fields("s64 sec nsec")
 
 
 class _EventUnion(ctypes.Union):
     # data[64] in the header; struct v4l2_event_ctrl inside it aligns the union to eight bytes.
-    _fields_ = (("data", u8 * 64), ("changes", u32), ("_align", u64))
+    _fields_ = fields("u8 data[64]; u32 changes; u64 _align")
 
 
 class V4l2Event(ctypes.Structure):
     """struct v4l2_event: an event that the kernel driver reports (source change, end of stream)."""
 
-    _fields_ = (
-        ("type", u32),
-        ("u", _EventUnion),
-        ("pending", u32),
-        ("sequence", u32),
-        ("timestamp", Timespec),
-        ("id", u32),
-        ("reserved", u32 * 8),
+    _fields_ = fields(
+        "u32 type; _EventUnion u; u32 pending sequence; Timespec timestamp; u32 id reserved[8]",
+        Timespec,
+        _EventUnion,
     )
 
 
 class EventSubscription(ctypes.Structure):
     """struct v4l2_event_subscription: which events are wanted."""
 
-    _fields_ = (("type", u32), ("id", u32), ("flags", u32), ("reserved", u32 * 5))
+    _fields_ = fields("u32 type id flags reserved[5]")
 
 
 class MbusFrameFormat(ctypes.Structure):
     """struct v4l2_mbus_framefmt: a frame as it runs over the bus between sensor and receiver."""
 
-    _fields_ = (
-        ("width", u32),
-        ("height", u32),
-        ("code", u32),
-        ("field", u32),
-        ("colorspace", u32),
-        ("ycbcr_enc", u16),
-        ("quantization", u16),
-        ("xfer_func", u16),
-        ("flags", u16),
-        ("reserved", u16 * 10),
-    )
+    _fields_ = fields("u32 width height code field colorspace; u16 ycbcr_enc quantization xfer_func flags reserved[10]")
 
 
 class SubdevFormat(ctypes.Structure):
     """struct v4l2_subdev_format: the format on one pad of a sub-device."""
 
-    _fields_ = (
-        ("which", u32),
-        ("pad", u32),
-        ("format", MbusFrameFormat),
-        ("stream", u32),
-        ("reserved", u32 * 7),
-    )
+    _fields_ = fields("u32 which pad; MbusFrameFormat format; u32 stream reserved[7]", MbusFrameFormat)
 
 
 class Rect(ctypes.Structure):
     """struct v4l2_rect: a region of the pixel array."""
 
-    _fields_ = (("left", s32), ("top", s32), ("width", u32), ("height", u32))
+    _fields_ = fields("s32 left top; u32 width height")
 
 
 class Selection(ctypes.Structure):
     """struct v4l2_selection: a region, on a capture node."""
 
-    _fields_ = (("type", u32), ("target", u32), ("flags", u32), ("r", Rect), ("reserved", u32 * 9))
+    _fields_ = fields("u32 type target flags; Rect r; u32 reserved[9]", Rect)
 
 
 class SubdevSelection(ctypes.Structure):
     """struct v4l2_subdev_selection: a region, on a pad of a sub-device."""
 
-    _fields_ = (
-        ("which", u32),
-        ("pad", u32),
-        ("target", u32),
-        ("flags", u32),
-        ("r", Rect),
-        ("stream", u32),
-        ("reserved", u32 * 7),
-    )
+    _fields_ = fields("u32 which pad target flags; Rect r; u32 stream reserved[7]", Rect)
 
 
 def _ioc(direction: int, number: int, layout: type[ctypes.Structure] | type[ctypes.c_int]) -> int:

@@ -25,7 +25,7 @@ from gs2ci.core.records import are_rigid, check_intrinsics
 
 _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
 # In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
-_LENSES: Final = {"OPENCV": 4, "FULL_OPENCV": 8}
+_LENSES: Final = {"SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 4, "FULL_OPENCV": 8}
 _MORE_COEFFICIENTS: Final = ("k4", "k5", "k6")
 # Those models of a transforms.json that nerfstudio treats as a perspective with the lens of its coefficients
 # (`CAMERA_MODEL_TO_TYPE` in nerfstudio/cameras/cameras.py).
@@ -246,6 +246,7 @@ def _transforms(path: Path, size: tuple[int, int] | None) -> CameraFile:
         raise InputError(
             f"{path} is not a transforms.json: {type(error).__name__}: {error}",
             allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x for all or for each",
+            remedy="poses without a camera matrix, such as a trajectory, are for `gs2ci import --stage`",
         ) from error
     _require_model(path, common.get("camera_model", _PERSPECTIVES[0]), _PERSPECTIVES)
     if common.get("is_fisheye", False):

@@ -41,13 +41,16 @@ def check_target(path: Path, *, replace: bool, remedy: str = "choose another nam
         remedy: What the user can do if one exists.
 
     Raises:
-        StorageError: The folder is missing, the name is taken, or an unfinished capture of that name lies there.
+        StorageError: The folder is missing, the name is taken or a folder's, or an unfinished capture of that name
+            lies there.
     """
     if not path.parent.is_dir():
         raise StorageError(f"{path}: the folder {path.parent} does not exist", remedy="create it first")
     if path.suffix != ".h5":
         raise StorageError(f"{path}: not a name for a shot file", allowed="a name that ends in .h5")
-    if path.is_dir() or (path.exists() and not replace):
+    if path.is_dir():
+        raise StorageError(f"{path}: is a folder", allowed="the name of a file", remedy="choose another name with -o")
+    if path.exists() and not replace:
         raise StorageError(f"{path}: already exists", remedy=remedy)
     partial = partial_of(path)
     if being_written(partial):

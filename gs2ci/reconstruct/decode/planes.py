@@ -18,8 +18,10 @@ def planar(views: F32) -> F32:
 
 
 def interleaved(planes: F32) -> F32:
-    """Return planes, [N, C, H, W], as views, [N, H, W, C] float32; always a copy."""
+    """Return planes, [N, C, H, W], as views, [N, H, W, C] float32; those of one channel may be the same memory."""
     count, channels, height, width = planes.shape
+    if channels == 1:
+        return np.asarray(planes, np.float32).reshape(count, height, width, 1)
     views = np.empty((count, height, width, channels), np.float32)
     in_parts(_copy, count, np.asarray(planes, np.float32), views.transpose(0, 3, 1, 2))
     return views

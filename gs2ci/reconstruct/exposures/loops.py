@@ -12,6 +12,8 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.exposures.pairs import Pair
@@ -45,21 +47,11 @@ class Closed:
 
 def group_of_most(pairs: Pairs, count: int) -> list[int]:
     """Return the largest group of exposures that pairs join; of equal ones that with the earliest exposure."""
-    left = set(range(count))
-    groups: list[set[int]] = []
-    while left:
-        groups.append(_reached(min(left), pairs))
-        left -= groups[-1]
-    most = max(len(group) for group in groups)
-    return sorted(next(group for group in groups if len(group) == most))
-
-
-def _reached(start: int, pairs: Pairs) -> set[int]:
-    reached, before = {start}, 0
-    while len(reached) > before:
-        before = len(reached)
-        reached |= {k for pair in pairs if reached & set(pair) for k in pair}
-    return reached
+    ends = np.array(list(pairs), np.int64).reshape(-1, 2)
+    joined = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(count, count))
+    group = connected_components(joined, directed=False)[1]
+    found: list[int] = np.flatnonzero(group == np.bincount(group).argmax()).tolist()
+    return found
 
 
 def closed(pairs: Pairs, count: int) -> Closed:

@@ -18,6 +18,7 @@ from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import turned
+from gs2ci.reconstruct.hypotheses.order import is_open
 from gs2ci.reconstruct.threads import in_threads
 
 # The other order is taken if it has at least so many times the corners in common with other exposures.
@@ -25,12 +26,6 @@ _BETTER: Final = 1.1
 
 Pictures = tuple[MeanPicture, ...]
 Pairs = dict[tuple[int, int], Pair]
-
-
-def is_open(geometry: Geometry) -> bool:
-    """Tell whether an exposure may have its order of depth wrong: estimated, and its tracks are not sure."""
-    sure = geometry.order_errors is not None and geometry.order_errors >= Criteria().order_errors
-    return geometry.has_path and geometry.is_estimated and not geometry.order_given and not sure
 
 
 def turn_the_wrong(
@@ -50,7 +45,7 @@ def turn_the_wrong(
     Returns:
         Those that were turned.
     """
-    others = {k: turned(one) for k, one in geometries.items() if is_open(one)}
+    others = {k: turned(one) for k, one in geometries.items() if is_open(one, Criteria())}
     other_pictures = {k: pictures_of(views[k], one) for k, one in others.items()}
     tried = {k: _with(k, other_pictures[k], pictures, pairs) for k in others}
     found: set[int] = set()

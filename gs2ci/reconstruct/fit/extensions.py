@@ -24,7 +24,6 @@ class LastStage(Protocol):
         seed: int,
         monitoring: Monitoring,
         decode: Decode,
-        detailed: Decode | None = None,
         score: Score | None = None,
     ) -> CoarseFit:
         """Refine the Gaussians of a coarse fit.
@@ -36,7 +35,6 @@ class LastStage(Protocol):
             seed: Of random draws.
             monitoring: What is called at looks and iterations, and what may interrupt.
             decode: Its result is added to the scene's views at looks, as before delivery.
-            detailed: Decodes the residual in more detail; None: `decode` does.
             score: Turns refined views into a figure for the curve; it may know the truth.
         """
 

@@ -2,17 +2,14 @@
 
 Here: the names, and `auto`. Not here: the sources themselves.
 
-`auto` takes the camera to be at rest if the measurement shows so and no stage reported poses: behind masks that are one
-displaced pattern, what a decode leaves of it is tracked as a motion, and halves of these tracks agree
-(docs/decisions/small-motions.md). Where tracks show no path, or a doubtful one, the motion
-that explains displacements of blocks of the measurement takes their place, if it is expected to err less
-(docs/decisions/small-motions.md). It uses every source available for this shot on this machine: the
-stage if it reported poses, the tracks, VGGT if the user has added it. The measurement chooses (`evidence`) among those
-that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
-smaller. A stage's poses that tracks bear out stand, and no other source is asked. The stage comes first, since blur and
-noise of the picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the
-parallax is as small as the tracks' errors. Wrong poses of a stage are found by the measurement (`python -m
-tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views (`wide`).
+Where tracks show no path, or a doubtful one, the motion that explains displacements of blocks of the measurement takes
+their place, if it is expected to err less (docs/decisions/small-motions.md). `auto` uses every source available for
+this shot on this machine: the stage if it reported poses, the tracks, VGGT if the user has added it. The measurement
+chooses (`evidence`) among those that the tracks do not contradict: a source is replaced by a later one only if the
+later one's residual is clearly smaller. A stage's poses that tracks bear out stand, and no other source is asked. The
+stage comes first, since blur and noise of the picture do not affect it, and since it distinguishes a shift from a pan;
+a picture cannot do so if the parallax is as small as the tracks' errors. Wrong poses of a stage are found by the
+measurement (`python -m tests.benchmarks stage_poses`).
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +22,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres, relative_to
-from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
+from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent, said
@@ -45,10 +42,8 @@ from gs2ci.reconstruct.geometry.sources.sources import (
     from_rest,
     from_stage,
     from_wide,
-    matched_motion,
 )
 from gs2ci.reconstruct.learned.onnx_models import known_model
-from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
 
 GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "rest", "auto", "vggt")
@@ -112,22 +107,16 @@ class _Answer:
         geometry: Its geometry; None if it failed.
         left: Its residual of the measurement (`unexplained`); infinite if it failed.
         said: The same in words.
-        joined: How many views matched features joined, if not all.
     """
 
     geometry: Geometry | None
     left: float
     said: str
-    joined: int = 0
 
 
 def auto(request: Request, progress: Progress) -> Geometry:
     """Use all available sources, and let the measurement choose; see `GeometryPrior`."""
-    left_out, staged = request.settings.left_out, request.shot.telemetry_world_to_camera is not None
-    may_rest = not staged and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
-    still = share_at_rest(request.shot) if may_rest else 0.0
-    if still > 0:
-        return from_rest(request, progress, finding(Code.CAMERA_AT_REST, share=still))
+    staged = request.shot.telemetry_world_to_camera is not None
     answers = [_asked(request, PathSource.STAGE, progress)] if staged else []
     stage = answers[0].geometry if staged else None
     if _is_borne_out(stage) and stage.parallax_px >= request.settings.criteria.parallax_px:
@@ -141,9 +130,6 @@ def auto(request: Request, progress: Progress) -> Geometry:
         return tracks
     answers += [_judged(request, tracks.source, tracks), *(_asked(request, name, progress) for name in learned)]
     standing = _standing(answers)
-    if standing is None and LeftOut.WIDE_MATCHES not in left_out:
-        answers.append(_matched(request, tracks))
-        standing = _standing(answers)
     chosen = tracks if standing is None else standing
     if chosen.source == tracks.source:
         chosen = _in_the_order_of(stage, chosen)
@@ -156,8 +142,7 @@ def auto(request: Request, progress: Progress) -> Geometry:
     elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
         notes.append(finding(Code.STAGE_MOTION_UNSEEN))
     said(notes, progress)
-    joined = max(answer.joined for answer in answers)
-    return replace(chosen, notes=(*notes, *chosen.notes), joined=joined)
+    return replace(chosen, notes=(*notes, *chosen.notes))
 
 
 def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
@@ -248,18 +233,6 @@ def _is_borne_out(given: Geometry | None) -> TypeGuard[Geometry]:
     """Tell whether tracks bear out poses that were given."""
     errors = None if given is None or not given.tracks else given.pose_errors
     return errors is not None and not errors.contradicted
-
-
-def _matched(request: Request, tracks: Geometry) -> _Answer:
-    """Estimate a path from matches of all pairs; it fails if it explains hardly more than a camera at rest."""
-    try:
-        found = matched_motion(request, tracks)
-    except GeometryError as error:
-        return _failed("wide matches", error.problem)
-    if not found.has_path:
-        return replace(_failed("wide matches", "no scene that all views join"), joined=found.joined)
-    answer = _judged(request, PathSource.MATCHES, found)
-    return answer if explains_more_than_rest(request, found) else replace(answer, geometry=None)
 
 
 def explains_more_than_rest(request: Request, found: Geometry) -> bool:

@@ -5,6 +5,7 @@ import `Geometry` and `initialise` from this file.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -17,7 +18,14 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.geometry.depth.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import (
+    LEAST_PLANES,
+    SweepSettings,
+    SweptViews,
+    first_of,
+    inverse_depth_range,
+    sweep,
+)
 from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
@@ -109,7 +117,6 @@ class Geometry:
             contradict them.
         order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
         view_depths: Depths of the reference view and of others, if the path turns far; otherwise none.
-        joined: How many views matched features joined to one scene, if not all of them.
         followed: Where each view shows the tracked points that the motion explains, as slopes, [P, N, 2], NaN where one
             is not seen; None if it does not come from tracks.
     """
@@ -132,7 +139,6 @@ class Geometry:
     pose_errors: PoseErrors | None = None
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
-    joined: int = 0
     followed: F64 | None = None
 
     @property
@@ -324,11 +330,16 @@ class _Estimation:
         Args:
             moved: Whether the camera is known to have moved; otherwise the tracks must show it.
         """
-        first = self.found(self.tracks, moved=moved)
-        if not first.geometry.has_path or LeftOut.TRACKS_SOUGHT_TWICE in self.settings.left_out:
-            return first
-        second = self.found(self.second_look(first), moved=moved)
-        return second if second.geometry.has_path else first
+        tracks, found = self.tracks, self.found(self.tracks, moved=moved)
+        if not found.geometry.has_path:
+            return found
+        if LeftOut.TRACKS_SOUGHT_TWICE not in self.settings.left_out:
+            again = self.second_look(found)
+            second = found if again is tracks else self.found(again, moved=moved)
+            tracks, found = (again, second) if second.geometry.has_path else (tracks, found)
+        if self.poses is not None or LeftOut.ADJUSTMENT_OF_POINTS in self.settings.left_out:
+            return found
+        return self.freed(found, len(tracks), moved=moved)
 
     def halves_agree(self, found: _Found) -> bool:
         """Tell whether halves of the tracks give the same path, as they do if the camera moved.
@@ -345,10 +356,7 @@ class _Estimation:
         if self.poses is not None:
             return self.judged(len(tracks), *self.placed(tracks, self.poses), moved=True)
         motion, kept = estimate_motion(tracks, self.flat.intrinsics, self.settings.motion)
-        first = self.judged(len(tracks), motion, kept, moved=moved)
-        if not first.geometry.has_path or LeftOut.ADJUSTMENT_OF_POINTS in self.settings.left_out:
-            return first
-        return self.freed(first, len(tracks), moved=moved)
+        return self.judged(len(tracks), motion, kept, moved=moved)
 
     def placed(self, tracks: Tracks, poses: F64) -> tuple[CameraMotion, Tracks]:
         """Place the points of tracks by known poses."""
@@ -400,7 +408,13 @@ class _Estimation:
         settings = self.settings.sweep
         span = inverse_depth_range(motion.inverse_depth, settings)
         poses, intrinsics = geometry.world_to_camera, geometry.intrinsics
-        return sweep(self.views, poses, intrinsics, self.reference, span, settings)
+        order = first_of(len(poses), self.reference)
+        return self.swept.depth(order, poses[order], intrinsics, span)
+
+    @cached_property
+    def swept(self) -> SweptViews:
+        """Get the views as sweeps compare them."""
+        return SweptViews(self.views, self.settings.sweep)
 
     def judged(self, candidates: int, motion: CameraMotion, tracks: Tracks, *, moved: bool) -> _Found:
         """Return a geometry with the motion, with its rotations alone, or only with the reason why neither is used.

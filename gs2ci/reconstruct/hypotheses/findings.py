@@ -20,13 +20,6 @@ def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]
     return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors),)
 
 
-def joined_findings(geometry: Geometry) -> tuple[Finding, ...]:
-    """Report that matched features joined only some of the views, if no source found a path for all of them."""
-    if not geometry.joined:
-        return ()
-    return (finding(Code.VIEWS_JOIN_IN_PART, joined=geometry.joined, views=len(geometry.world_to_camera)),)
-
-
 def course_findings(course: tuple[RaceEvidence, ...], motion: Mapping[str, float | None]) -> tuple[Finding, ...]:
     """Report the held-out residuals of the hypotheses that reached the jury, smallest first.
 

@@ -13,7 +13,6 @@ from typing import Final
 from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.decode.gap_tv import RESIDUAL
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
@@ -178,7 +177,6 @@ class Fits:
 
     def fine(self, ensemble: Ensemble, renderer: ShotRenderer, fine: LastStage) -> Ensemble:
         """Take the best of several fits through the fine stage; return the mean of all."""
-        detailed = Refinement(self.holdout, self.settings.residual or RESIDUAL).decode
         fined = fine.fit(
             self.fitted,
             ensemble.best,
@@ -186,7 +184,6 @@ class Fits:
             self.settings.seed,
             self._monitoring(self.progress),
             self.refine.decode,
-            detailed,
             self.score,
         )
         return self.mean((fined, *ensemble.others), "fine")

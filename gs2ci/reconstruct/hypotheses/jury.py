@@ -6,7 +6,6 @@ schedule (`race`), thresholds of motion (`moving`).
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,18 +13,15 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse.stopping import has_clearly_risen
 from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, Origin
 from gs2ci.reconstruct.hypotheses.moving import (
     BEHIND_DECODE,
     BEHIND_PATCHES,
-    LEAST_UNFOLLOWED,
     MotionQuestion,
     ask,
     clearly_less,
     rested,
-    speaks_for_motion,
 )
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
@@ -45,31 +41,15 @@ class Jury:
         self.judged: dict[int, float | None] = {}
         self._fits, self._settings = fits, fits.settings
 
-    def question(self, leader: Entrant, views: F32) -> MotionQuestion:
-        """Test still views' residual for motion, and if the test is positive, how much patches reduce it."""
-        look = leader.hypothesis.look
-        unfollowed = float(self._unfollowed(views, look.decoded).mean())
-        left, at_rest = ask(self._fits.holdout, views), look.geometry.known_at_rest
-        asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
-        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
-            return asked
-        if LeftOut.PATCH_TEST_OF_MOTION in self._settings.left_out:
-            return replace(asked, gain=1.0)
-        refined = self._fits.refine(views)
-        further = [self.further(refined)]
-        if look.is_decoded_at_length:
-            further.append(look.decoded)
-        return replace(
-            asked,
-            gain=max(self.gain(refined, decoded) for decoded in further),
-            behind_decode=self.is_behind_decode(look, leader.run.result().views),
-            got_worse=got_worse(leader),
-            no_path=not leader.geometry.has_path,
-        )
+    def question(self, look: FirstLook, views: F32) -> MotionQuestion:
+        """Test still views' residual for motion, and whether they err over time."""
+        return MotionQuestion(ask(self._fits.holdout, views), float(self._unfollowed(views, look.decoded).mean()))
 
     def moving_hypothesis(self, first: FirstLook, leader: Entrant, still: F32) -> Hypothesis:
         """Return a scene that moves from the first, before a camera at rest unless a path was given."""
-        starts = (self.shown(still, first.decoded), first.decoded, self.further(self._fits.refine(still)))
+        refined, brief = self._fits.refine(still), PatchSettings(iterations=4, first_sigma=10 / 255)
+        further = patch_decode_from(self._fits.holdout.seen, refined, brief)
+        starts = (self.shown(still, first.decoded), first.decoded, further)
         views = min(starts, key=lambda shown: or_infinite(self._fits.holdout.residual_rms(shown)))
         return Hypothesis(Origin.MOVING, rested(leader.hypothesis.look), views, moves=True)
 
@@ -128,15 +108,6 @@ class Jury:
         fitted, decoded = (self._fits.holdout.residual_rms(one) for one in (views, look.decoded))
         return fitted is not None and decoded is not None and fitted >= least * decoded > 0
 
-    def further(self, refined: F32) -> F32:
-        """Decode by patches, which may move, for a few steps from refined views, [N, H, W, C]."""
-        return patch_decode_from(self._fits.holdout.seen, refined, PatchSettings(iterations=4, first_sigma=10 / 255))
-
-    def gain(self, refined: F32, decoded: F32) -> float:
-        """Return the share by which decoded views, [N, H, W, C], have less of a held-out residual than refined ones."""
-        before, after = (self._fits.holdout.residual_rms(views) for views in (refined, decoded))
-        return 0.0 if not before or after is None else 1 - after / before
-
     def shown(self, views: F32, decoded: F32) -> F32:
         """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
         where = self._unfollowed(views, decoded)
@@ -160,9 +131,3 @@ class Jury:
 def or_infinite(rms: float | None) -> float:
     """Return a held-out residual, or infinity if it is not known."""
     return math.inf if rms is None or math.isnan(rms) else rms
-
-
-def got_worse(still: Entrant) -> bool:
-    """Tell whether the held-out residual of a fit ended clearly above its least value."""
-    left = [point.heldout for point in still.run.curve if point.heldout is not None]
-    return bool(left) and has_clearly_risen(min(left), left[-1])

@@ -1,7 +1,7 @@
 """Views far apart, whose path tracks do not find or find roughly: features of all pairs matched again.
 
-    first look (few views join one scene), or fits along a path that turns far, or no better than a decode
-    ─► decode by similar patches ─► features in tilted pictures ─► path
+    fits along a path that turns far, or no better than a decode ─► decode by similar patches
+    ─► features in tilted pictures ─► path
 
 Views 15° apart, in any order, share hardly a corner that can be tracked, and in views decoded by GAP-TV few features
 match. Similar patches, sought within each view and its neighbours, need no path, and decode such views 3 to 6 dB
@@ -10,7 +10,7 @@ better (docs/decisions/wide-baseline.md).
 Around an object, tracks follow points from one view to the next, and lose them before it has been turned by 20°: errors
 add up along the path, and halves of the tracks share them (docs/decisions/wide-baseline.md).
 
-Here: when to match again, and the look that results. Not here: the features and the scene that grows from them
+Here: the look that results. Not here: the features and the scene that grows from them
 (`geometry.sources.wide`), the first look itself (`first_look`), the fits (`fitting`).
 """
 
@@ -19,14 +19,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres, path_extent
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Progress, said
-from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
@@ -36,8 +34,7 @@ from gs2ci.reconstruct.geometry.path.halves import squared_distance
 from gs2ci.reconstruct.geometry.path.validity import halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources.sources import matched_motion
-from gs2ci.reconstruct.measurement.brightness import Brightness, estimate
-from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.brightness import estimate
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
 
@@ -47,27 +44,20 @@ _SAME_PATH: Final = 0.01
 _SAME_TURN_DEG: Final = 3.0
 
 
-def joins_in_part(first: FirstLook) -> bool:
-    """Tell whether features joined some views of a first look to a scene, and no source found a path for all."""
-    return first.geometry.joined > 0
-
-
 def look_far_apart(
-    first: FirstLook,
-    holdout: Holdout,
+    longer: FirstLook,
     lens: Lens | None,
     settings: Settings,
     progress: Progress,
     lap: Callable[[str], None],
-    path: F64 | None = None,
+    path: F64,
 ) -> FirstLook | None:
-    """Decode longer, and estimate the path from features matched between all pairs of views.
+    """Estimate the path from features matched between all pairs of views of a longer decode.
 
-    Weights that were corrected along a path that is wrong are forgotten; the brightness of the views is only reported.
+    The brightness of the views along it is only reported.
 
     Args:
-        first: A first look whose path is wrong, or that has none.
-        holdout: The measurement with its weights as given, and its held-out pixels.
+        longer: A first look with such views, whose path is wrong, or that has none.
         lens: Through which it was taken, unless it is a pinhole.
         settings: Of all stages.
         progress: Receives every stage and step.
@@ -75,30 +65,13 @@ def look_far_apart(
         path: Of the best fit so far, [N, 4, 4].
 
     Returns:
-        The first look with the longer decode, along the path found; None if not every view joins, or if the path
-        explains no more than a camera at rest and does not turn far or parts of the matches give others, or if it is
-        the path of the best fit, or if the settings allow no longer decode.
+        The look along the path found; None if not every view joins, or if the path explains no more than a camera at
+        rest and does not turn far or parts of the matches give others, or if it is the path of the best fit.
     """
-    if settings.long_decode is None:
-        return None
     progress.say("The views may lie far apart: features are matched again in a decode by similar patches.")
-    if not np.array_equal(first.holdout.shot.weights, holdout.shot.weights):
-        decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
-        brightness = Brightness(first.brightness.first, None, first.brightness.as_seen)
-        first = replace(
-            first,
-            holdout=holdout,
-            decoded=decoded,
-            brightness=brightness,
-            decoder=settings.first_look,
-            sigma=last_sigma(settings.first_look, settings.decode),
-            brief_rms=None,
-        )
-    longer = first if first.is_decoded_at_length else first.decoded_longer(settings.long_decode.sparse, progress)
-    lap("decode")
-    request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
+    request = Request.of(longer.holdout.seen, longer.decoded, settings.geometry, lens)
     try:
-        geometry = matched_motion(request, first.geometry, tilted=True)
+        geometry = matched_motion(request, longer.geometry, tilted=True)
     except GeometryError as error:
         progress.say(error.problem)
         lap("geometry")
@@ -109,10 +82,10 @@ def look_far_apart(
     agreed = halves_agree(geometry.path_errors, settings.geometry.criteria)
     turned = agreed and turns_far(geometry.world_to_camera)
     found = geometry.has_path and (turned or explains_more_than_rest(request, geometry))
-    if not found or (path is not None and _is_path(geometry, path)):
+    if not found or _is_path(geometry, path):
         lap("geometry")
         return None
-    light = estimate(holdout, carried_views(request.views, geometry, lens))
+    light = estimate(longer.holdout, carried_views(request.views, geometry, lens))
     lap("geometry")
     said(geometry.notes, progress)
     return replace(longer, geometry=geometry, brightness=replace(longer.brightness, first=light))

@@ -1,17 +1,13 @@
 """Still or moving: when moving scenes are fitted, from which starts, and what the report says of it.
 
-    still fit ─► does its residual follow the masks' times? ─► do patches that may move explain more?
-    ─► a moving scene ─► the better
+    still fit ─► does its residual follow the masks' times, or err its views over time? ─► a moving scene ─► the better
 
 The fit of a still scene mistakes the motion of things for that of the camera, or leaves it in the residual. A
-regression that needs no fit (`measurement.moving`) tests whether motion explains the residual. The errors of still
-scenes follow the masks' times too, so a positive test is checked by a second one: a decode by similar patches, which
-may move, continues from the fit's views for a few steps. A moving scene enters the race only if the decode explains
-clearly more of the measurement, or if the still scene is barely better than the decode. Neither test is needed if the
-brightness of the still scene's views surely errs over time in places where that of the decode does not
-(`measurement.over_time`). The moving scene starts from the flow between the best views so far, with the camera at rest
-unless its path was given. The held-out pixels choose; a moving scene has more freedom than a still one, and has to be
-clearly better.
+regression that needs no fit (`measurement.moving`) tests whether motion explains the residual; and the brightness of
+the still scene's views may surely err over time in places where that of the decode does not (`measurement.over_time`).
+The errors of still scenes follow the masks' times too, so that a moving scene only enters the race. It starts from the
+flow between the best views so far, with the camera at rest unless its path was given. The held-out pixels choose; a
+moving scene has more freedom than a still one, and has to be clearly better.
 
 Here: when, from which start, and the record of it. Not here: the motion (`fit.scene.motion`), the fits (`fitting`), the
 choice (`race`).
@@ -51,15 +47,8 @@ MOVING: Final = Origin.MOVING.value
 # (docs/decisions/moving-scenes.md).
 _LEAST_EXPLAINED: Final = 0.006
 _LEAST_SURELY: Final = 0.08
-# The least share before a camera that is known to be at rest, where a still scene is one picture: 0.0000 of a wall that
-# does not move, 0.0041 to 0.0135 if a thing crosses it (`tests/reconstruct/hypotheses/test_moving.py`).
-_LEAST_EXPLAINED_AT_REST: Final = 0.004
 # The share by which a moving scene has to reduce the residual at the held-out pixels.
 _LEAST_GAIN: Final = 0.02
-# The share by which a few steps of a decode by similar patches have to reduce it before moving scenes are tried. They
-# reduced it by up to 4.7 % on ten still measurements, since detail repeats in many places; by 8.3 % and more on three
-# crops of video.
-LEAST_PATCH_GAIN: Final = 0.065
 # A still scene whose held-out residual is at least this many times that of the decode explains hardly more than views
 # that share no scene. Where a box crosses half the picture it was 1.02 times as large; on paths that tracks confirm,
 # 0.6 to 0.8 times (`python -m tests.stability --only "moving object"`).
@@ -67,14 +56,9 @@ BEHIND_DECODE: Final = 0.95
 # The same for a whole decode by similar patches, which may move. Photographs far apart, along a path that is right:
 # 1.03 times; a real fan, along a path that explains its turning badly: 1.23 times.
 BEHIND_PATCHES: Final = 1.1
-# If patches reduce the residual of such a scene by less than this, it is not motion that it lacks: a real fan, 1.5 %;
-# that box, 4.9 %. So for a scene whose fit only got worse, with motion in many blocks: a skater whom a camera follows,
-# 5.2 %, 66 % of the blocks; views are 1.2 dB better if things may move, the scene alone 3 dB. And for a scene without a
-# path: a ball in front of a room that hardly moves, 6.0 %, 43 % of the blocks; views are 2.3 dB better.
-LEAST_GAIN_BEHIND: Final = LEAST_PATCH_GAIN / 2
 # The share of the picture in which the still scene surely errs over time, and the decode does not, from which on moving
-# scenes are tried without further tests. Still scenes had none (39 drawn measurements); photographs far apart, 2 %.
-LEAST_UNFOLLOWED: Final = 0.03
+# scenes are tried. Still scenes had none (39 drawn measurements); photographs far apart, 2 %.
+_LEAST_UNFOLLOWED: Final = 0.03
 # Moving fits of scenes at rest move by up to a pixel if the path or the depth is wrong: only more is reported as
 # motion, px.
 _SURELY_PX: Final = 2.0
@@ -91,37 +75,17 @@ class MotionQuestion:
     """The tests made before any moving scene is fitted.
 
     Args:
-        left: What motion would explain of the still fits' residual; None if it was not tested.
-        gain: The share by which a few steps of the patch decode reduce the held-out residual of the still scene's
-            refined views, or by which that of a whole decode by patches is smaller, if there is one and it is more;
-            None if they were not tried.
-        behind_decode: Whether the held-out residual of the best still scene is barely smaller than that of the decode,
-            or larger; larger by a tenth than that of a whole decode by patches.
-        got_worse: Whether the held-out residual of the best still fit ended clearly above its least value.
-        no_path: Whether the camera was found at rest, or only to turn.
+        left: What motion would explain of the best still fit's residual; None if it was not tested.
         unfollowed: The share of the picture in which the still scene surely errs over time and the decode does not.
-        known_at_rest: Whether the camera is known to be at rest: a still scene is then one picture, without a path that
-            could explain part of what moves.
     """
 
     left: LeftByMotion | None = None
-    gain: float | None = None
-    behind_decode: bool = False
-    got_worse: bool = False
-    no_path: bool = False
     unfollowed: float = 0.0
-    known_at_rest: bool = False
 
     @property
     def speaks_for_motion(self) -> bool:
-        """Get whether moving scenes should be fitted."""
-        if self.unfollowed >= LEAST_UNFOLLOWED:
-            return True
-        in_many_blocks = self.left is not None and self.left.surely >= _LEAST_SURELY
-        still_is_wrong = (
-            self.behind_decode or self.known_at_rest or ((self.got_worse or self.no_path) and in_many_blocks)
-        )
-        return (self.gain or 0.0) >= (LEAST_GAIN_BEHIND if still_is_wrong else LEAST_PATCH_GAIN)
+        """Get whether a moving scene should be fitted."""
+        return self.unfollowed >= _LEAST_UNFOLLOWED or (self.left is not None and speaks_for_motion(self.left))
 
 
 @dataclass(frozen=True)
@@ -167,11 +131,6 @@ class MotionReport:
             moves=self.moves,
             explained=None if left is None else left.explained,
             blocks=None if left is None else left.surely,
-            patch_gain=self.question.gain,
-            behind_decode=self.question.behind_decode,
-            got_worse=self.question.got_worse,
-            no_path=self.question.no_path,
-            known_at_rest=self.question.known_at_rest,
             unfollowed=self.question.unfollowed,
             heldout_rms=dict(self.heldout_rms),
             chosen=self.chosen,
@@ -246,10 +205,9 @@ def clearly_less(one: float | None, other: float | None) -> bool:
     return one is not None and other is not None and one < (1 - _LEAST_GAIN) * other
 
 
-def speaks_for_motion(left: LeftByMotion, *, known_at_rest: bool = False) -> bool:
-    """Tell whether motion explains enough of a residual to go on testing for it."""
-    least = _LEAST_EXPLAINED_AT_REST if known_at_rest else _LEAST_EXPLAINED
-    return left.explained >= least or left.surely >= _LEAST_SURELY
+def speaks_for_motion(left: LeftByMotion) -> bool:
+    """Tell whether motion explains enough of a residual to fit a moving scene."""
+    return left.explained >= _LEAST_EXPLAINED or left.surely >= _LEAST_SURELY
 
 
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:

@@ -36,17 +36,15 @@ from gs2ci.reconstruct.hypotheses.hypothesis import (
     RaceEvidence,
     RaceOutcome,
 )
-from gs2ci.reconstruct.hypotheses.jury import Jury, got_worse, or_infinite
+from gs2ci.reconstruct.hypotheses.jury import Jury, or_infinite
 from gs2ci.reconstruct.hypotheses.matches import look_far_apart
 from gs2ci.reconstruct.hypotheses.moving import (
     MOVING,
     STILL,
     MotionQuestion,
     MotionReport,
-    ask,
     clearly_less,
     rested,
-    speaks_for_motion,
 )
 
 QUARTER: Final = 0.25
@@ -110,11 +108,10 @@ class Race:
         first, field = self._matched(first, field)
         asked = MotionQuestion()
         if self._may_move:
-            asked = self._jury.question(field[0], field[0].run.result().views)
-            if asked.speaks_for_motion and len(field) > 1:
-                # One fit leaves more for patches to explain than the mean of several.
+            asked = self._jury.question(field[0].hypothesis.look, field[0].run.result().views)
+            if asked.speaks_for_motion:
+                # A moving scene has to be better than the mean of several.
                 field = self._to(1.0, field)
-                asked = self._jury.question(field[0], self._jury.mean_of(self._jury.counting(field)))
         residuals: dict[str, float | None] = {}
         if self._wants_motion or (asked.speaks_for_motion and not self.fits.halt.asked):
             moving, residuals = self._moving(first, field)
@@ -122,13 +119,9 @@ class Race:
                 for entrant in field:
                     self._outcomes.setdefault(entrant.number, RaceOutcome.LESS)
                 return self._delivered(self._decoded_better(first), moving, OrderFound(), asked, residuals)
-            # If things move in a way that no scene follows, patches do; of a scene at rest they soon gain little more.
-            follows = min(map(or_infinite, residuals.values())) < or_infinite(residuals[STILL])
-            first = self._decoded_better(first, hurried=not follows)
-        elif self._may_move and not self.fits.halt.asked and (asked.behind_decode or got_worse(field[0])):
-            # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV, or if
-            # its fit only got worse.
-            first = self._decoded_better(first)
+            if or_infinite(residuals.get(MOVING)) < or_infinite(residuals[STILL]):
+                # Things move in a way that no scene follows well; patches do.
+                first = self._decoded_better(first)
         field = self._to(1.0, field)
         field = self._jury.taken(field)
         return self._delivered(first, field, field[0].hypothesis.order, asked, residuals)
@@ -222,13 +215,11 @@ class Race:
             self._outcomes.setdefault(entrant.number, outcome)
 
     def _may_wait(self, leader: Entrant) -> bool:
-        """Tell whether fits beside the leader may turn out not to be needed: motion, or matched features, may."""
-        views, holdout = leader.run.views(), self.fits.holdout
-        if self._wants_motion:
-            return True
-        if self._may_move and speaks_for_motion(ask(holdout, views), known_at_rest=leader.geometry.known_at_rest):
-            return True
-        return self._settings.may_look_again and self._jury.is_behind_decode(leader.hypothesis.look, views)
+        """Tell whether fits beside the leader may turn out not to be needed: by motion, or by matched features."""
+        may_match = self._settings.may_look_again
+        return self._wants_motion or (
+            may_match and self._jury.is_behind_decode(leader.hypothesis.look, leader.run.views())
+        )
 
     # Features matched again.
 
@@ -243,7 +234,7 @@ class Race:
         leader, geometry, settings = field[0], first.geometry, self._settings
         result = leader.run.result()
         left_out = LeftOut.MATCHES_IN_A_LONGER_DECODE in settings.left_out
-        matched = left_out or geometry.is_matched or geometry.joined > 0
+        matched = left_out or geometry.is_matched
         may_match = settings.poses == "auto" and settings.may_look_again and geometry.is_estimated and not matched
         far = turns_far(result.world_to_camera) or self._jury.is_behind_decode(first, result.views)
         if self.fits.halt.asked or not (may_match and far):
@@ -252,7 +243,7 @@ class Race:
         if not first.is_decoded_at_length or self.fits.halt.asked:
             return first, field
         fits, path = self.fits, result.world_to_camera
-        found = look_far_apart(first, first.holdout, fits.lens, settings, fits.progress, fits.clock.lap, path)
+        found = look_far_apart(first, fits.lens, settings, fits.progress, fits.clock.lap, path)
         if found is None or fits.halt.asked:
             return first, field
         look, order = fits.order_of(found)
@@ -271,7 +262,7 @@ class Race:
 
     @property
     def _may_move(self) -> bool:
-        # Fits on a short schedule leave much that patches explain, whether or not anything moves.
+        # Fits on a short schedule leave much that looks like motion, whether or not anything moves.
         whole = self._settings.fit.iterations >= LEAST_SCHEDULE
         return self._settings.may_move and whole and not self.fits.halt.asked
 
@@ -288,6 +279,10 @@ class Race:
         still = self._jury.mean_of(self._jury.counting(ended))
         residuals = {STILL: self.fits.holdout.residual_rms(self._jury.shown(still, first.decoded))}
         moving = self._enter(self._jury.moving_hypothesis(first, field[0], still))
+        if not self._wants_motion and moving not in self._kept(field[0], [moving]):
+            if self._outcomes[moving.number] == RaceOutcome.BEHIND:
+                residuals[MOVING] = self._jury.left(moving, first.decoded)
+            return (), residuals
         for share in (HALF, 1.0):
             self._try(share, moving)
             if moving.number in self._outcomes:
@@ -343,7 +338,7 @@ class Race:
         may = self._settings.may_look_again and LeftOut.SECOND_LOOK not in self._settings.left_out
         return may and is_wanted(geometry, self._settings.geometry)
 
-    def _decoded_better(self, first: FirstLook, *, hurried: bool = False) -> FirstLook:
+    def _decoded_better(self, first: FirstLook) -> FirstLook:
         """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.
 
         Sparsely: views decoded densely take three times as long, and where they only start fits and take part in the
@@ -352,7 +347,7 @@ class Race:
         schedule = self._settings.long_decode
         if first.is_decoded_at_length or schedule is None:
             return first
-        longer = first.decoded_longer(schedule.sparse, self.fits.progress, hurried=hurried)
+        longer = first.decoded_longer(schedule.sparse, self.fits.progress)
         self.fits.clock.lap("decode")
         before, after = (self.fits.holdout.residual_rms(look.decoded) for look in (first, longer))
         return longer if or_infinite(after) < or_infinite(before) else first

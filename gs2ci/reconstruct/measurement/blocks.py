@@ -32,14 +32,14 @@ def ridged(gram: F64) -> F64:
     return np.asarray(gram + np.eye(size) * least[..., None, None], np.float64)
 
 
-def in_blocks(picture: F32 | F64) -> F64:
+def in_blocks(picture: F32 | F64, side_px: int = BLOCK_PX) -> F64:
     """Cut a picture, [H, W, C], into blocks, zero beyond the border: [B, B', pixels of a block, C]."""
     height, width, channels = picture.shape
-    down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
-    padded = np.zeros((down * BLOCK_PX, across * BLOCK_PX, channels))
+    down, across = -(-height // side_px), -(-width // side_px)
+    padded = np.zeros((down * side_px, across * side_px, channels))
     padded[:height, :width] = picture
-    cut = padded.reshape(down, BLOCK_PX, across, BLOCK_PX, channels).swapaxes(1, 2)
-    return cut.reshape(down, across, BLOCK_PX**2, channels)
+    cut = padded.reshape(down, side_px, across, side_px, channels).swapaxes(1, 2)
+    return cut.reshape(down, across, side_px**2, channels)
 
 
 def block_sums(values: F64, side_px: int) -> F64:
@@ -54,7 +54,9 @@ def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int)
     There may be no pixels: a wholly saturated measurement has none that counts.
     """
     down, across = row // side_px, column // side_px
-    return np.unique(down * (across.max(initial=0) + 1) + across, return_inverse=True)[1]
+    number = down * (across.max(initial=0) + 1) + across
+    # Sorting all pixels would take ten times as long.
+    return (np.cumsum(np.bincount(number) > 0) - 1)[number]
 
 
 def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:

@@ -170,6 +170,7 @@ def estimate(holdout: Holdout, carried: F32) -> BrightnessEstimate | None:
         its_errors = smooth.errors()
         if (np.abs(other - found) > _BIASED * its_errors).any():
             believed, found, errors = smooth, other, its_errors
+    del smooth  # a system is twice as large as the views
     of_all = np.zeros(len(system.lit))
     of_all[system.lit] = errors
     return BrightnessEstimate(system.of_all_views(found), of_all, system.gain(believed))
@@ -223,8 +224,11 @@ class LinearSystem:
         if lit.sum() < 2 or not np.isfinite(views).all():
             return None
         counted = shot.usable
+        told = told_modes(shot.masks[:, counted][lit])
         coding = Coding.of(shot)
-        parts = np.stack([_part(coding, views, int(view))[counted] for view in np.flatnonzero(lit)])
+        parts = np.empty((int(lit.sum()), int(counted.sum()), shot.measurement.shape[2]))
+        for part, view in zip(parts, np.flatnonzero(lit), strict=True):
+            part[:] = _part(coding, views, int(view))[counted]
         row, column = np.nonzero(counted)
         side = max(_SQUARE_PX, round(np.sqrt(counted.size) / _BLOCKS))
         return cls(
@@ -234,7 +238,7 @@ class LinearSystem:
             light=shot.weights[lit] * shot.masks[lit].sum(axis=(1, 2), dtype=np.float64),
             half=np.asarray((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0),
             block=block_numbers(row, column, side),
-            told=told_modes(shot.masks[:, counted][lit]),
+            told=told,
         )
 
     def solve(self, pixels: Bool | slice = slice(None)) -> F64 | None:
@@ -265,7 +269,7 @@ class LinearSystem:
         inverse = self.told @ np.linalg.inv(self.told.T @ normal @ self.told) @ self.told.T
         found = 1 + inverse @ (parts @ self.readings.ravel() - normal.sum(axis=1))
         left = self.readings - np.tensordot(found, self.parts, axes=1)
-        by_pixel = (self.parts * left).sum(axis=-1)
+        by_pixel = np.einsum("lpc,pc->lp", self.parts, left)
         spread = inverse @ scores_over_blocks(by_pixel, self.block) @ inverse
         share = self.light / self.light.sum()
         mean = float(found @ share)

@@ -10,8 +10,7 @@ pictures, the noise of this regression, falls with frequency, and the pattern do
 This is what decoded views cannot tell behind one pattern that is displaced from view to view, as in most laboratories:
 what a decode leaves of the pattern moves with it, and points are tracked on that.
 
-Here: the displacements. Not here: whether the camera was at rest (`at_rest`), its path
-(`gs2ci.reconstruct.geometry.sources.displaced`).
+Here: the displacements. Not here: the path of the camera (`gs2ci.reconstruct.geometry.sources.displaced`).
 """
 
 from dataclasses import dataclass

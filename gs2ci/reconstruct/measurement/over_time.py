@@ -26,7 +26,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, ELSEWHERE_PX, LEAST_PIXELS, in_blocks, ridged
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
-# The same blocks, displaced by half a block down and to the right: a place belongs to four blocks, fewer at the border.
+# Blocks begin at every half of a block, down and to the right: a place belongs to four, fewer at the border.
 _STEP_PX: Final = BLOCK_PX // 2
 # A place counts if so many of its blocks do.
 _VOTES: Final = 2
@@ -45,6 +45,8 @@ _VISIBLE: Final = 0.02
 _LEAST_OF_DIFFERENCE: Final = 0.25
 # Less of the picture is left as it is: one block in a thousand is wrong by chance.
 _LEAST_SHARE: Final = 0.01
+# Masks whose differences have less of their power are alike but for rounding.
+_ALIKE: Final = 1e-9
 # By so much the places are widened, since the border of what moves lies between blocks; and the standard deviation of
 # the transition, px.
 _WIDENED_PX: Final = 4
@@ -71,20 +73,14 @@ def errors_over_time(holdout: Holdout, views: F32) -> F32:
     left = np.where(asked, left - _of_whole_views(left, weighted * smoothed.mean(axis=3), asked), 0)
     # Each block is also tested with residuals of other places, which know nothing of its masks.
     several = np.stack([left, *(np.roll(left, step, axis=(0, 1)) for step in ELSEWHERE_PX)])
-    tested = [
-        (rows, _test(several[:, *rows], weighted[:, *rows], asked[rows]))
-        for down in (0, _STEP_PX)
-        for right in (0, _STEP_PX)
-        for rows in (np.s_[top : top + BLOCK_PX, right:] for top in range(down, height, BLOCK_PX))
-    ]
-    by_chance = np.concatenate([one.by_chance.reshape(-1) for _, one in tested])
+    tested = _tested_blocks(several * asked, weighted * asked, asked)
+    by_chance = np.concatenate([one.by_chance.reshape(-1) for one in tested])
     inflated = max(1.0, float(np.quantile(by_chance, _QUANTILE))) if len(by_chance) else 1.0
-    votes, power = np.zeros((height, width), np.int64), np.zeros((height, width), np.float32)
-    for rows, one in tested:
-        across, wrong = votes[rows].shape[1], one.wrong(inflated)
-        votes[rows] += np.repeat(wrong, BLOCK_PX)[:across]
-        power[rows] += np.repeat(np.where(wrong, one.sure_power(inflated), 0), BLOCK_PX)[:across].astype(np.float32)
-    return np.where(votes >= _VOTES, power / np.maximum(votes, 1), 0)
+    wrong = np.stack([one.wrong(inflated) for one in tested])
+    power = np.where(wrong, [one.sure_power(inflated) for one in tested], 0).astype(np.float32)
+    votes = _of_four(wrong.astype(np.float32))
+    sure = np.where(votes >= _VOTES, _of_four(power) / np.maximum(votes, 1), 0).astype(np.float32)
+    return sure.repeat(_STEP_PX, axis=0)[:height].repeat(_STEP_PX, axis=1)[:, :width]
 
 
 def errs_over_time(holdout: Holdout, views: F32) -> Bool:
@@ -151,30 +147,75 @@ class _Tested:
         return self.power * (1 - np.minimum(1, inflated / np.maximum(self.ratio, np.finfo(np.float64).tiny)))
 
 
-def _test(several: F32, masks: F32, asked: Bool) -> _Tested:
-    """Regress the residual of a row of blocks on the masks of single views.
+def _tested_blocks(several: F32, masks: F32, asked: Bool) -> list[_Tested]:
+    """Regress residuals on the masks of single views in blocks that begin at every half of a block, row by row.
+
+    A quarter of a block belongs to four of them: what a regression needs, the products of all pairs of pictures, is
+    summed once over each quarter.
 
     Args:
-        several: The residual of smoothed views, then residuals of other places, [K, at most 16 rows, W].
-        masks: With their weights, [N, rows, W].
-        asked: Which pixels are usable, [rows, W].
+        several: The residual of smoothed views, then residuals of other places, [K, H, W], 0 where not asked.
+        masks: With their weights, [N, H, W], likewise.
+        asked: Which pixels are usable, [H, W].
     """
-    count = len(masks)
-    pixels = _blocks(asked[None].astype(np.float32))[..., 0].sum(axis=1)
-    opened, residuals = _blocks(masks * asked), _blocks(several * asked)
-    common, basis = opened.sum(axis=2)[..., None], _frequencies(count)
+    pictures = np.moveaxis(np.concatenate([masks, several, asked[None]]), 0, -1)
+    above, tested = _products(pictures[:_STEP_PX]), []
+    for top in range(_STEP_PX, asked.shape[0] + _STEP_PX, _STEP_PX):
+        below = _products(pictures[top : top + _STEP_PX])
+        products, pixels = (_with_next(one + other) for one, other in zip(above, below, strict=True))
+        tested.append(_test(products, pixels, len(masks)))
+        above = below
+    return tested
+
+
+def _products(pictures: F32) -> tuple[F64, F64]:
+    """Sum the products of all pairs of pictures but the last, [at most 8 rows, W, M], over quarters of blocks.
+
+    Returns:
+        These, [B, M - 1, M - 1], and the sums of the last picture, [B]; zero below the border.
+    """
+    if not len(pictures):
+        pictures = np.zeros((1, *pictures.shape[1:]), np.float32)
+    cut = in_blocks(pictures, _STEP_PX)[0]
+    return cut[..., :-1].swapaxes(1, 2) @ cut[..., :-1], cut[..., -1].sum(axis=1)
+
+
+def _with_next(sums: F64) -> F64:
+    """Add to the sums of each of a row's places, [B, ...], those of the place to its right."""
+    joined = sums.copy()
+    joined[:-1] += sums[1:]
+    return joined
+
+
+def _of_four(values: F32) -> F32:
+    """Sum over the four blocks to which each quarter of a block belongs; [B, B'], by the first quarter of blocks."""
+    border = cv2.BORDER_CONSTANT
+    return np.asarray(cv2.boxFilter(values, -1, (2, 2), anchor=(1, 1), normalize=False, borderType=border), np.float32)
+
+
+def _test(products: F64, pixels: F64, count: int) -> _Tested:
+    """Regress the residuals of a row of blocks on the masks of single views.
+
+    Args:
+        products: Sums over each block of the products of all pairs of masks and residuals, [B, N + K, N + K].
+        pixels: How many of each count, [B].
+        count: Number of views, N.
+    """
+    basis = _frequencies(count)
     unknowns = basis.shape[1]
-    design = opened @ basis
     # What all views have in common explains what it can first.
-    power = np.maximum((common**2).sum(axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    residuals = residuals - (common * residuals).sum(axis=1, keepdims=True) / power * common
-    design = design - (common * design).sum(axis=1, keepdims=True) / power * common
-    gram = design.swapaxes(1, 2) @ design
-    moments = design.swapaxes(1, 2) @ residuals
+    with_common = products[:, :count].sum(axis=1)
+    power = np.maximum(with_common[:, :count].sum(axis=1), np.finfo(np.float64).tiny)[:, None, None]
+    rest_of = products - with_common[:, :, None] * with_common[:, None] / power
+    gram = basis.T @ rest_of[:, :count, :count] @ basis
+    moments = basis.T @ rest_of[:, :count, count:]
+    # Where all masks are alike, nothing but rounding is left of them.
+    told = np.trace(gram, axis1=1, axis2=2) > _ALIKE * np.trace(products[:, :count, :count], axis1=1, axis2=2)
+    gram = np.where(told[:, None, None], gram, np.eye(unknowns))
     offsets = np.linalg.solve(ridged(gram), moments)
-    gained, whole = (offsets * moments).sum(axis=1), (residuals**2).sum(axis=1)
+    gained, whole = (offsets * moments).sum(axis=1), np.diagonal(rest_of, axis1=1, axis2=2)[:, count:].clip(0)
     freedom = np.maximum(pixels - unknowns - 1, 1)
-    testable = (pixels >= max(LEAST_PIXELS, 2 * unknowns)) & (np.trace(gram, axis1=1, axis2=2) > 0)
+    testable = (pixels >= max(LEAST_PIXELS, 2 * unknowns)) & told
     rest = np.maximum(whole - gained, np.finfo(np.float64).eps * whole)
     ratio = np.where(whole > 0, gained / unknowns * freedom[:, None] / np.where(whole > 0, rest, 1), 0).clip(0)
     power_of_offsets = (offsets[..., 0] ** 2).sum(axis=1)
@@ -187,8 +228,3 @@ def _frequencies(count: int) -> F64:
     """Return the lowest temporal frequencies of so many views but the constant one, orthonormal, [N, F]."""
     rows = np.arange(1, min(count - 1, _FREQUENCIES) + 1)
     return np.cos(np.pi * (np.arange(count)[:, None] + 0.5) * rows / count) * np.sqrt(2 / count)
-
-
-def _blocks(pictures: F32) -> F64:
-    """Cut a row of blocks out of pictures, [K, at most 16 rows, W], zero beyond them: [B, pixels of a block, K]."""
-    return in_blocks(np.moveaxis(pictures, 0, -1))[0]

@@ -44,9 +44,8 @@ class FineSettings(Bounded):
     """The schedule and the weights of the fine stage. The weights are the paper's (section IV-A).
 
     Args:
-        prior: Makes the target images of pseudo-views: "consistent", "nlm", "difix", "onnx:FILE" or
-            "difix-or-consistent" (`priors2d.choose`); "none" skips pseudo-views, to measure what the iterations alone
-            are worth.
+        prior: Makes the target images of pseudo-views: "difix", "onnx:FILE" or "difix-or-none" (`priors2d.choose`);
+            "none" skips pseudo-views.
         distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" if the user has such a model;
             "lpips-or-structure".
         iterations: At most so many. The paper has 3000; the coarse stage's schedule is shortened by the same factor.
@@ -61,7 +60,7 @@ class FineSettings(Bounded):
         gated: Whether the held-out residual decides which state is kept; if not, it is the last one, as in the paper.
     """
 
-    prior: str = "consistent"
+    prior: str = "none"
     distance: str = "structure"
     iterations: PositiveInt = 300
     steps: StepSizes = field(
@@ -89,7 +88,7 @@ class FineSettings(Bounded):
         iterations = 3000
         means = coarse.means * coarse.means_final_share
         return cls(
-            prior="difix-or-consistent",
+            prior="difix-or-none",
             distance="lpips-or-structure",
             iterations=iterations,
             steps=replace(coarse, means=means, means_final_share=1.0),
@@ -101,11 +100,11 @@ class FineSettings(Bounded):
     def load(self, loss: LossWeights, seed: int) -> "Fine":
         """Load what the settings name; see `LastStageSettings`."""
         self.check()
-        prior = None if self.prior == "none" else load_prior(self.prior, seed)
+        prior = load_prior(self.prior, seed)
         distance = load_distance(self.distance)
         notes = []
-        if self.prior == "difix-or-consistent" and known_model("difix") is None and prior is not None:
-            notes.append(finding(Code.STAND_IN, absent="DiFix3D+", instead=prior.name))
+        if self.prior == "difix-or-none" and prior is None:
+            notes.append(finding(Code.STAND_IN, absent="DiFix3D+", instead="no prior"))
         if self.distance == "lpips-or-structure" and known_model("lpips") is None:
             notes.append(finding(Code.STAND_IN, absent="LPIPS", instead=distance.name))
         return Fine(self, loss, prior, distance, tuple(notes))
@@ -141,7 +140,6 @@ class Fine:
         seed: int,
         monitoring: Monitoring,
         decode: Decode = nothing,
-        detailed: Decode | None = None,
         score: Score | None = None,
     ) -> CoarseFit:
         """Refine the Gaussians of a coarse fit with fixed cameras.
@@ -153,7 +151,6 @@ class Fine:
             seed: For the order of the pseudo-views.
             monitoring: What is called at looks and iterations, and what may interrupt.
             decode: Its result is added to the scene's views at looks, as before delivery.
-            detailed: Decodes the residual for priors that use it; None: `decode` does.
             score: Turns refined views into a figure for the curve; it may know the truth.
 
         Returns:
@@ -167,7 +164,7 @@ class Fine:
         if before is None and settings.gated:
             return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
         try:
-            pseudo_loss = _pseudo_loss(coarse, coded, renderer, self, detailed or decode)
+            pseudo_loss = _pseudo_loss(coarse, renderer, self)
         except Gs2ciError as error:
             return _unchanged(coarse, error.problem, progress)
         fit = _Fit(holdout, coarse, renderer, pseudo_loss, self, seed)
@@ -236,9 +233,7 @@ class PseudoLoss:
         return loss
 
 
-def _pseudo_loss(
-    coarse: CoarseFit, coded: F32, renderer: ShotRenderer, fine: Fine, decode: Decode
-) -> PseudoLoss | None:
+def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine) -> PseudoLoss | None:
     """Prepare the loss on pseudo-views; None if they are skipped.
 
     Raises:
@@ -246,7 +241,7 @@ def _pseudo_loss(
     """
     if fine.prior is None or fine.settings.pseudo_weight == 0:
         return None
-    pseudo = make_pseudo(coarse, renderer, fine.prior, decode(coded), fine.settings.between)
+    pseudo = make_pseudo(coarse, renderer, fine.prior, fine.settings.between)
     if not len(pseudo.poses):
         raise InputError("there is only one camera, and no path for pseudo-views")
     loss = PseudoLoss(pseudo, fine.settings, fine.distance)
@@ -256,16 +251,13 @@ def _pseudo_loss(
     return loss
 
 
-def make_pseudo(
-    coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, details: F32 | None, between: int
-) -> Pseudo:
+def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, between: int) -> Pseudo:
     """Render pseudo-views of a scene and make their targets by the prior.
 
     Args:
         coarse: The scene and its path.
         renderer: Renders for the shot.
         prior: Makes the targets.
-        details: What the scene's views lack, [N, H, W, C]; None: nothing.
         between: Pseudo-views between two neighbours.
 
     Raises:
@@ -279,13 +271,11 @@ def make_pseudo(
         images, alphas = renderer.images(coarse.scene, at)
         cameras = torch.from_numpy(coarse.world_to_camera).float()
         recovered, _ = renderer.images(coarse.scene, cameras)
-    lacking = np.broadcast_to(np.float32(0) if details is None else details, recovered.shape)
     question = Question(
         pseudo=SeenViews(images.numpy(), renderer.depths(coarse.scene, poses), poses),
         recovered=SeenViews(
             recovered.numpy(), renderer.depths(coarse.scene, coarse.world_to_camera), coarse.world_to_camera
         ),
-        details=np.ascontiguousarray(lacking, np.float32),
         intrinsics=renderer.intrinsics.double().numpy(),
         distortion=renderer.distortion,
     )

@@ -81,8 +81,8 @@ def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] 
         errors: Standard errors of given poses: position, in the unit of the path, and rotation, rad; None: not given.
     """
     count, height, width = seen.depth.shape
-    cells, number = _cells(seen, reference)
     rows, share = _lattice(height, width, _MOST_READINGS)
+    cells, number = _cells(seen, reference, rows)
     by_pose, by_depth = _derivatives(seen, reference, cells, number, rows)
     extent = max(path_extent(seen.world_to_camera), LEAST_EXTENT * middle_depth(seen))
     position, turn = (extent, factors.turn_prior) if errors is None else errors
@@ -138,25 +138,26 @@ def flows_between(seen: ReadingsSeen) -> F64:
     return found
 
 
-def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
-    """Return which cell of the reference view, continued beyond its borders, each pixel shows, [N, H, W]; how many."""
+def _cells(seen: ReadingsSeen, reference: int, chosen: Numbers) -> tuple[Numbers, int]:
+    """Return which cell of the reference view, continued beyond its borders, chosen pixels show; how many there are.
+
+    The cells are [N, P], -1 where a view shows nothing.
+    """
     count, height, width = seen.depth.shape
     side = max(_LEAST_SIDE_PX, math.sqrt(height * width / _MOST_CELLS))
     # Points far outside are all in the outermost ring of cells.
     reach = np.array([width, height]) / side
     columns, rows = (int(2 * np.ceil(value)) + 3 for value in reach)
-    found = np.empty(seen.depth.shape, np.int64)
+    found = np.empty((count, len(chosen)), np.int64)
     for view in range(count):
-        there = in_camera(_in_world(seen, view, np.arange(height * width)), seen.world_to_camera[reference])
-        usable = (seen.depth[view].ravel() > 0) & (there[:, 2] > 0)
+        there = in_camera(_in_world(seen, view, chosen), seen.world_to_camera[reference])
+        usable = (seen.depth[view].reshape(-1)[chosen] > 0) & (there[:, 2] > 0)
         across = there[:, :2] / np.where(usable, there[:, 2], 1)[:, None] * (seen.focal_px / side)
         column, row = np.floor(across.clip(-reach, reach)).astype(np.int64).T
-        cell = (row + rows // 2) * columns + column + columns // 2
-        found[view] = np.where(usable, cell, -1).reshape(height, width)
-    present = np.flatnonzero(np.bincount(found.ravel() + 1)[1:])
-    numbers = np.full(present.max(initial=-1) + 2, -1)
-    numbers[present + 1] = np.arange(len(present))
-    return numbers[found + 1], len(present)
+        found[view] = np.where(usable, (row + rows // 2) * columns + column + columns // 2, -1)
+    present, numbers = np.unique(found, return_inverse=True)
+    nothing = int(present[0] < 0)
+    return numbers.reshape(found.shape) - nothing, len(present) - nothing
 
 
 def _gradients(view: F32) -> F64:
@@ -189,12 +190,11 @@ def _derivatives(
     noise = np.maximum(seen.noise.reshape(-1, channels)[chosen].astype(np.float64), np.finfo(np.float32).tiny)
     weights = 1 / np.sqrt(noise)
     transmissions = seen.transmissions.reshape(count, -1)[:, chosen].astype(np.float64)
-    at_cells = cells.reshape(count, -1)[:, chosen]
     by_pose = np.zeros((len(chosen), channels, count, 6))
     numbers = np.arange(len(chosen) * channels).reshape(len(chosen), channels)
     values, rows, columns = [], [], []
     for view in range(count):
-        light = np.where(at_cells[view] >= 0, transmissions[view], 0.0)
+        light = np.where(cells[view] >= 0, transmissions[view], 0.0)
         # A closed mask sends nothing of its view.
         lit = np.flatnonzero(light > 0)
         turns, apart = _moves(seen, reference, view, chosen[lit])
@@ -202,7 +202,7 @@ def _derivatives(
         by_pose[lit] += np.einsum("pci,pnij->pcnj", steep, turns)
         values.append(np.einsum("pci,pi->pc", steep, apart).ravel())
         rows.append(numbers[lit].ravel())
-        columns.append(np.repeat(at_cells[view, lit], channels))
+        columns.append(np.repeat(cells[view, lit], channels))
     entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
     by_depth = coo_matrix(entries, shape=(numbers.size, number)).tocsr()
     return by_pose.reshape(numbers.size, 6 * count), by_depth

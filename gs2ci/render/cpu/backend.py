@@ -15,7 +15,7 @@ from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import Inputs, camera_fields, differentiate_cells, render_cells
-from gs2ci.render.cpu.stopping import depth_fields, stop_light
+from gs2ci.render.cpu.stopping import stop_light
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size, own_masks, own_reuse
@@ -23,13 +23,16 @@ from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import CanvasSampling, check_sampling, on_canvas
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
-from gs2ci.render.stopping import StoppedLight
+from gs2ci.render.stopping import StoppedLight, depth_fields
 
 _FULL_LAYOUTS_KEPT: Final = 4
 
 MOST_PIXELS_AT_ONCE: Final = 2**22
 """Views of more pixels than these together are rendered a few at a time where no gradient is wanted: whole views take
-some 60 bytes a pixel meanwhile, 2 GB for sixteen of 1920 x 1080. What a view shows depends on no other."""
+some 60 bytes a pixel meanwhile, 2 GB for sixteen of 1920 x 1080. What a view shows depends on no other.
+
+Before these, and after a coded sum of so many pixels that no gradient is wanted of, what earlier renderings left is
+freed: they come where much else is held, and an iteration of a fit leaves 1.5 GB."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,10 @@ class CpuBackend:
         """Render the coded sum; see `Backend.coded`."""
         target, camera, kept = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, times)
         colours = colours_of(scene, world_to_camera, times)
-        return self._run(target, scene, colours, world_to_camera, camera, times, screen, kept)[0]
+        (image,) = self._run(target, scene, colours, world_to_camera, camera, times, screen, kept)
+        if not image.requires_grad:
+            self._make_room(mask_set.views, mask_set.size)
+        return image
 
     def coded_with_pull(
         self,
@@ -166,7 +172,7 @@ class CpuBackend:
         check_rendering(scene, world_to_camera, intrinsics, colours=colours, times=times)
         given = (*scene.parameters().values(), world_to_camera, *(() if colours is None else (colours,)))
         wanted = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in given)
-        if not wanted and len(_parts(int(world_to_camera.shape[0]), size)) > 1:
+        if not wanted and len(self._parts_with_room(int(world_to_camera.shape[0]), size)) > 1:
             return self._views_in_parts(scene, world_to_camera, intrinsics, size, colours, sampling, times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
         used = colours_of(scene, world_to_camera, times) if colours is None else colours
@@ -187,7 +193,7 @@ class CpuBackend:
         """Render views a few at a time, without a gradient."""
         count = int(world_to_camera.shape[0])
         images, alphas = torch.empty(count, *size, 3), torch.empty(count, *size)
-        for part in _parts(count, size):
+        for part in self._parts_with_room(count, size):
             own = colours[part] if colours is not None and colours.ndim == 3 else colours
             when = None if times is None else times[part]
             images[part], alphas[part] = self.views(scene, world_to_camera[part], intrinsics, size, own, sampling, when)
@@ -206,7 +212,7 @@ class CpuBackend:
         check_size(size)
         check_sampling(sampling, size)
         check_rendering(scene, world_to_camera, intrinsics, times=times)
-        parts = _parts(int(world_to_camera.shape[0]), size)
+        parts = self._parts_with_room(int(world_to_camera.shape[0]), size)
         if len(parts) > 1:
             found = StoppedLight(*torch.empty(len(fields(StoppedLight)), int(world_to_camera.shape[0]), *size))
             for part in parts:
@@ -217,11 +223,14 @@ class CpuBackend:
             return found
         layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
         camera = _camera(on_canvas(intrinsics, sampling), layout)
-        inputs = _inputs(scene, _means(scene, times), world_to_camera, camera)
+        means = _means(scene, times)
         lease = self._pool.lease()
         assert lease.workspace is not None
+        inputs = _inputs(scene, means, world_to_camera, camera)
         rendered = render_cells(inputs, layout, self._settings.termination_transmittance, lease.workspace)
-        maps = stop_light(rendered.records, rendered.lists, layout, depth_fields(inputs))
+        places = (means, scene.log_scales, scene.quaternions, world_to_camera, on_canvas(intrinsics, sampling))
+        told = depth_fields(*places, (layout.height, layout.width)).numpy()
+        maps = stop_light(rendered.records, rendered.lists, layout, told)
         lease.release()
         return StoppedLight(*torch.from_numpy(maps))
 
@@ -244,6 +253,18 @@ class CpuBackend:
         # Converted outside the function, so that float64 poses get float64 gradients.
         return Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
 
+    def _parts_with_room(self, views: int, size: tuple[int, int]) -> list[slice]:
+        """Make room, and divide views among renderings of at most `MOST_PIXELS_AT_ONCE`, but at least one view each."""
+        at_once = self._make_room(views, size)
+        return [slice(first, min(first + at_once, views)) for first in range(0, views, at_once)]
+
+    def _make_room(self, views: int, size: tuple[int, int]) -> int:
+        """Free what earlier renderings left if views are too many for one rendering; return how many are not."""
+        at_once = max(1, MOST_PIXELS_AT_ONCE // (size[0] * size[1]))
+        if at_once < views:
+            self._pool.forget()
+        return at_once
+
     def _full_layout(self, shape: tuple[int, int, int], sampling: CanvasSampling | None) -> Layout:
         key = (*shape, sampling)
         layout = self._full_layouts.pop(key, None)
@@ -253,12 +274,6 @@ class CpuBackend:
         if len(self._full_layouts) > _FULL_LAYOUTS_KEPT:
             self._full_layouts.popitem(last=False)
         return layout
-
-
-def _parts(views: int, size: tuple[int, int]) -> list[slice]:
-    """Divide views among renderings of at most `MOST_PIXELS_AT_ONCE`, but at least one view each."""
-    at_once = max(1, MOST_PIXELS_AT_ONCE // (size[0] * size[1]))
-    return [slice(first, min(first + at_once, views)) for first in range(0, views, at_once)]
 
 
 def _inputs(scene: Gaussians, means: Tensor, world_to_camera: Tensor, camera: F32) -> Inputs:

@@ -38,7 +38,7 @@ class RenderTarget(Protocol):
         """Turn cells [cells * 64] into the outputs."""
 
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
-        """Turn the outputs' gradients into dL/d(cells)."""
+        """Turn the outputs' gradients into dL/d(cells), in the place of the cells."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class ViewImages:
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
         """Collect the gradients of images and alphas."""
         images, alphas = (as_float32(g).reshape(self.layout.views, -1) for g in gradients)
-        cells = workspace.get("cell_gradients", (self.layout.cells * CELL,))
+        cells = workspace.get("cells", (self.layout.cells * CELL,))
         layout = self.layout
         places = (layout.pixel, layout.weight, layout.cell_start)
         in_parts(view_gradients_to_cells, layout.views, images, alphas, *places, cells)
@@ -86,7 +86,7 @@ class CodedSum:
     def spread_array(self, gradient: F32, workspace: Workspace) -> F32:
         """Do so for an array, [H, W, 3]."""
         layout = self.layout
-        cells = workspace.get("cell_gradients", (layout.cells * CELL,))
+        cells = workspace.get("cells", (layout.cells * CELL,))
         flat = np.ascontiguousarray(gradient, np.float32).reshape(-1)
         places = (layout.pixel, layout.weight, layout.cell_start)
         in_parts(coded_gradient_to_cells, layout.views, flat, *places, cells)

@@ -56,15 +56,16 @@ def list_gaussians(
         kept: Where the lists lie.
     """
     views = layout.views
-    work = scratch.get("work", (views, 4, count + LANES), np.uint32)
+    # Here and below memory that nobody needs yet: a backward pass sums there, blending lists there what touches pixels.
+    work = scratch.get("sums", (views, 4, count + LANES)).view(np.uint32)
     entries = kept.get("entries", (layout.cells,), np.int32)
     start = kept.get("entry_start", (layout.cells,), np.int32)
     tables = (views, layout.strips * layout.width)
     found, totals = np.zeros(views, np.int64), np.zeros(views, np.int64)
     smallest = _SPANS_PER_GAUSSIAN * count + LANES * layout.strips
-    capacity = max(smallest, scratch.capacity("spans") // max(SPAN * views, 1))
+    capacity = max(smallest, scratch.capacity("touching") // max(SPAN * views, 1))
     while True:
-        spans = scratch.get("spans", (views, SPAN * capacity), np.int32)
+        spans = scratch.get("touching", (views, SPAN * capacity), np.int32)
         in_parts(
             count_entries,
             views,

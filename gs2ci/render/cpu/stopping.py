@@ -1,8 +1,7 @@
 """Where the light of each pixel is stopped: `gs2ci.render.stopping`, over the lists that a rendering made.
 
-Here: what each Gaussian says of depth in each view, in float64, and the kernel that finds the quantiles, 16 pixels at
-a time in float32. Neighbouring pixels see the same Gaussians, so that their lanes need about equally many
-steps.
+Here: the kernel that finds the quantiles, 16 pixels at a time in float32. Neighbouring pixels see the same Gaussians,
+so that their lanes need about equally many steps.
 """
 
 from typing import Final
@@ -10,25 +9,18 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.kernels import f32_1, f32_2, f32_3, helper, i32_1, i64, i64_1, in_parts, kernel
-from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN, DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
+from gs2ci.core.kernels import f32_1, f32_3, helper, i32_1, i64, i64_1, in_parts, kernel
+from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.lists import Lists
-from gs2ci.render.cpu.passes import Inputs
 from gs2ci.render.cpu.record import (
     ACROSS,
     ALONG,
     FIELDS,
-    FOCAL_X,
-    FOCAL_Y,
     LOG2_OPACITY,
     MEAN_X,
     MEAN_Y,
     SHEAR,
-    U_HIGH,
-    U_LOW,
-    V_HIGH,
-    V_LOW,
 )
 from gs2ci.render.simd.elementary import LN2, exponential
 from gs2ci.render.simd.vector import (
@@ -53,7 +45,7 @@ from gs2ci.render.stopping import (
     SPREAD_QUANTILES,
 )
 
-# What a Gaussian says of depth in a view.
+# What a Gaussian says of depth in a view (`render.stopping.depth_fields`).
 CENTRE_DEPTH: Final = 0
 SLOPE_X: Final = 1  # of depth per px on screen, as a share of the centre's depth
 SLOPE_Y: Final = 2
@@ -85,90 +77,6 @@ _CELLS_PER_TASK: Final = 64
 # Three numbers at 16 pixels of so many Gaussians are all that the processor's nearest cache holds.
 _MANY: Final = 300
 _SORT_OUT_EVERY: Final = 3
-_GAUSSIANS_PER_TASK: Final = 1024
-
-
-def depth_fields(inputs: Inputs) -> F32:
-    """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
-    fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    in_parts(
-        _fill_depth_fields,
-        -(-inputs.count // _GAUSSIANS_PER_TASK),
-        inputs.means if inputs.means.ndim == 3 else inputs.means[None],
-        inputs.log_scales,
-        inputs.quaternions,
-        inputs.poses.reshape(-1, 4, 4),
-        inputs.camera,
-        fields,
-    )
-    return fields
-
-
-@helper()
-def _fill_factor(log_scales, quaternion, factor):
-    """Fill the factor of a covariance, factor factorᵀ, [3, 3]; a quaternion that is too short turns nothing."""
-    w, x = np.float64(quaternion[0]), np.float64(quaternion[1])
-    y, z = np.float64(quaternion[2]), np.float64(quaternion[3])
-    norm = np.sqrt(w * w + x * x + y * y + z * z)
-    if norm >= QUATERNION_NORM_MIN:
-        w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    else:
-        w, x, y, z = np.float64(1), np.float64(0), np.float64(0), np.float64(0)
-    factor[0, 0], factor[0, 1], factor[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    factor[1, 0], factor[1, 1], factor[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    factor[2, 0], factor[2, 1], factor[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    for j in range(3):
-        scale = np.exp(min(np.float64(log_scales[j]), LOG_SCALE_MAX))
-        for i in range(3):
-            factor[i, j] *= scale
-
-
-@kernel(i64, i64, f32_3, f32_2, f32_2, f32_3, f32_1, f32_3)
-def _fill_depth_fields(from_task, to_task, means, log_scales, quaternions, poses, camera, fields):
-    """Fill the fields of Gaussians in all views, [V, G, DEPTH_FIELDS], in float64.
-
-    Args:
-        from_task: The first task of this part.
-        to_task: The end of them.
-        means: [G, 3] of all views or of each, [1 or V, G, 3] float32.
-        log_scales: [G, 3] float32.
-        quaternions: Of any norm, (w, x, y, z), [G, 4] float32.
-        poses: World to camera, [V, 4, 4] float32.
-        camera: Its fields, as in `record`.
-        fields: Filled.
-    """
-    views, count = fields.shape[0], fields.shape[1]
-    focal_x, focal_y = np.float64(camera[FOCAL_X]), np.float64(camera[FOCAL_Y])
-    for task in range(from_task, to_task):
-        factor, axis, centre = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-        for gaussian in range(task * _GAUSSIANS_PER_TASK, min(count, (task + 1) * _GAUSSIANS_PER_TASK)):
-            _fill_factor(log_scales[gaussian], quaternions[gaussian], factor)
-            for view in range(views):
-                mean, pose = means[view if means.shape[0] > 1 else 0, gaussian], poses[view]
-                for i in range(3):
-                    centre[i] = np.float64(pose[i, 3])
-                    for j in range(3):
-                        centre[i] += np.float64(pose[i, j]) * np.float64(mean[j])
-                        axis[i, j] = 0.0
-                        for k in range(3):
-                            axis[i, j] += np.float64(pose[i, k]) * factor[k, j]
-                depth = max(centre[2], NEAR)
-                u = min(max(centre[0] / depth, np.float64(camera[U_LOW])), np.float64(camera[U_HIGH]))
-                v = min(max(centre[1] / depth, np.float64(camera[V_LOW])), np.float64(camera[V_HIGH]))
-                # Covariances of the place on screen (px) with itself and with depth.
-                xx, xy, yy, xz, yz, zz = DILATION_PX2, 0.0, DILATION_PX2, 0.0, 0.0, 0.0
-                for j in range(3):
-                    along = axis[2, j]
-                    across_x = (axis[0, j] - u * along) * (focal_x / depth)
-                    across_y = (axis[1, j] - v * along) * (focal_y / depth)
-                    xx, xy, yy = xx + across_x * across_x, xy + across_x * across_y, yy + across_y * across_y
-                    xz, yz, zz = xz + across_x * along, yz + across_y * along, zz + along * along
-                determinant = xx * yy - xy * xy
-                gain_x, gain_y = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
-                fields[view, gaussian, CENTRE_DEPTH] = depth
-                fields[view, gaussian, SLOPE_X] = gain_x / depth
-                fields[view, gaussian, SLOPE_Y] = gain_y / depth
-                fields[view, gaussian, SIGMA] = np.sqrt(max(zz - (gain_x * xz + gain_y * yz), 0.0))
 
 
 def stop_light(records: F32, lists: Lists, layout: Layout, fields: F32) -> F32:

@@ -69,6 +69,11 @@ class Pool:
             self._idle.append(workspace)
             del self._idle[self._keep :]
 
+    def forget(self) -> None:
+        """Free what waits."""
+        with self._lock:
+            self._idle.clear()
+
     @property
     def idle(self) -> int:
         """Get how many workspaces are waiting."""

@@ -59,9 +59,9 @@ class DeviceArrays:
         self.camera = coding.camera(np.array(key.intrinsics).reshape(3, 3))
         count, views, slots = key.gaussians, coding.views, len(coding.x)
         self._mean_stride, self._colour_stride = (count if apart else 0 for apart in (key.moving, key.coloured))
-        self._given: list[_Given] = [
-            *(_Given(kind, self._device) for kind in (wp.vec3, wp.vec3, wp.vec4, wp.float32, wp.vec3)),
-            _Given(Pose, self._device, views),
+        self._given: list[Given] = [
+            *(Given(kind, self._device) for kind in (wp.vec3, wp.vec3, wp.vec4, wp.float32, wp.vec3)),
+            Given(Pose, self._device, views),
         ]
         pairs = views * count
         self.records = self._empty(pairs, Record)
@@ -121,11 +121,6 @@ class DeviceArrays:
         lists = self._lists
         assert lists is not None
         return [self._coding.first, lists.begin, lists.end, lists.rows, lists.owner, self.records]
-
-    def shapes(self) -> list[Any]:
-        """Return the positions and shapes of the Gaussians, the poses and the camera."""
-        means, log_scales, quaternions, _, _, poses = (place.array for place in self._given)
-        return [means, self._mean_stride, log_scales, quaternions, poses, self.camera]
 
     # ------------------------------------------------------------------------------------------------- launches
 
@@ -197,7 +192,7 @@ class DeviceArrays:
         return wp.empty(count, dtype=kind, device=self._device)
 
 
-class _Given:
+class Given:
     """One input on the device: memory of torch's that is shared, or memory of its own that is copied into.
 
     Args:

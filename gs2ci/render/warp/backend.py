@@ -20,7 +20,7 @@ from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import CanvasSampling, check_sampling, on_canvas
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
-from gs2ci.render.stopping import StoppedLight
+from gs2ci.render.stopping import StoppedLight, depth_fields
 from gs2ci.render.warp.coding import OpenBlocks, code
 from gs2ci.render.warp.rendering import Blended, Rendering, SceneInputs
 from gs2ci.render.warp.reuse import WarpReuse
@@ -194,7 +194,10 @@ class WarpBackend:
         job = self._job(self._full_coding(shape, sampling), intrinsics, sampling)
         # What light looks like does not matter here.
         plain = _parameters(scene, world_to_camera, times, scene.colours)
-        maps = job.render(SceneInputs.of(*plain)).stopped()
+        means, log_scales, quaternions, _, _, poses = plain
+        frame = size if sampling is None else sampling.canvas
+        fields = depth_fields(means, log_scales, quaternions, poses, on_canvas(intrinsics, sampling), frame)
+        maps = job.render(SceneInputs.of(*plain)).stopped(fields)
         return StoppedLight(*(maps[:, k].reshape(shape).clone() for k in range(4)))
 
     def _job(

@@ -7,11 +7,11 @@ import warp as wp
 from torch import Tensor
 
 from gs2ci.render.recording import Launcher
-from gs2ci.render.warp.arrays import DeviceArrays, DeviceArraysKey, copied
+from gs2ci.render.warp.arrays import DeviceArrays, DeviceArraysKey, Given, copied
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.lists import list_gaussians
 from gs2ci.render.warp.reuse import WarpReuse
-from gs2ci.render.warp.stopping import depth_fields, stop_light
+from gs2ci.render.warp.stopping import stop_light
 from gs2ci.render.warp.types import LEAST_TRANSMITTANCE
 
 
@@ -97,15 +97,14 @@ class Rendering:
         gradients = SceneInputs(*of_scene, colours.reshape(self._shapes[1]), poses.reshape(-1, 4, 4))
         return gradients, sightings.reshape(-1, 3)
 
-    def stopped(self) -> Tensor:
-        """Return depth, spread, stopped and nearby light of each output, [outputs, 4]."""
+    def stopped(self, fields: Tensor) -> Tensor:
+        """Return depth, spread, stopped and nearby light of each output, [outputs, 4], given `depth_fields`."""
         coding, arrays = self._coding, self._arrays
-        launch = Launcher(coding.device)
-        fields = wp.empty(len(arrays.depths), dtype=wp.vec4, device=coding.device)
-        launch(depth_fields, (coding.views, arrays.key.gaussians), arrays.shapes(), [fields])
+        launch, told = Launcher(coding.device), Given(wp.vec4, coding.device)
+        told.take(fields.view(-1, 4))
         maps = wp.zeros(coding.outputs, dtype=wp.vec4, device=coding.device)
         _, *lists = arrays.listed()
-        inputs = [coding.block_of, *lists, fields, coding.x, coding.y, arrays.key.termination, coding.into]
+        inputs = [coding.block_of, *lists, told.array, coding.x, coding.y, arrays.key.termination, coding.into]
         launch(stop_light, len(coding.x), inputs, [maps])
         return copied(maps, self._home)
 

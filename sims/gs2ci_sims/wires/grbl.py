@@ -1,7 +1,6 @@
 """The twin of a GRBL controller: real-time bytes, line replies, jogs, programs, homing, holds, doors, alarms, restarts.
 
-It parses lines with its own code. What it does is GRBL 1.1h's (gnea/grbl bfb67f0); other families differ by their
-`GrblBuild`:
+It parses lines with its own code. What it does is GRBL 1.1h's (gnea/grbl bfb67f0):
 
 - serial.c: real-time bytes are taken out of turn; 0x85 is dropped unless the state is Jog already;
 - protocol.c, protocol_main_loop and protocol_exec_rt_suspend: lines are executed one after another, in their time; in
@@ -19,8 +18,8 @@ It parses lines with its own code. What it does is GRBL 1.1h's (gnea/grbl bfb67f
   each 10th (30th in motion).
 
 The motors run in open loop: if an axis is blocked the controller continues to count, and only the carriage stands
-still; a restart begins to count from 0 where the carriage stands. Not here: the byte level (`serial_twin`), builds
-and their arithmetic (`grbl_build`), the driver.
+still; a restart begins to count from 0 where the carriage stands. Not here: the byte level (`serial_twin`), the
+machine and its arithmetic (`grbl_build`), the driver.
 """
 
 import re
@@ -29,7 +28,7 @@ from math import ceil, hypot
 from typing import Any, Literal
 
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.grbl_build import AXES, GrblMachine, inside, report_numbers
+from gs2ci_sims.wires.grbl_build import AXES, GrblMachine, report_numbers
 from gs2ci_sims.wires.grbl_core import MOVING, SUSPENDED, GrblCore
 from gs2ci_sims.wires.serial_twin import REPLY_LATENCY_S, SerialSession
 from gs2ci_sims.world import VirtualClock, World
@@ -62,6 +61,10 @@ class GrblTwin(GrblCore):
             "native": USB of its own, which answers only while DTR is high (an RP2040's CDC); "plain": DTR is not wired.
     """
 
+    greeting = b"Grbl 1.1h ['$' for help]"
+    _startup = ("", "")
+    _offset_mm = (0.0, 0.0, 0.0)
+
     def __init__(
         self,
         clock: VirtualClock,
@@ -70,11 +73,9 @@ class GrblTwin(GrblCore):
         *,
         board: Literal["plain", "uno", "native"] = "plain",
     ) -> None:
-        machine = machine or GrblMachine()
-        super().__init__(clock, machine, faults)
+        super().__init__(clock, machine or GrblMachine(), faults)
         self._board = board
-        self._dtr = self._hangs_up = False
-        self._offset_mm = machine.offset_mm
+        self._dtr = False
         self._waiting: list[bytes] = []
         self._executing = False
         self._reports = 0
@@ -84,18 +85,12 @@ class GrblTwin(GrblCore):
         """Get line feed and carriage return."""
         return b"\r\n"
 
-    def open(self, *, hangs_up: bool = False, lowers: bool = False) -> SerialSession:
-        """Open the port: Linux raises DTR, which resets an Uno if DTR was low.
-
-        Args:
-            hangs_up: Whether DTR falls when the session is closed (HUPCL, the default of a tty).
-            lowers: Whether the program lowers DTR once the port is open.
-        """
+    def open(self) -> SerialSession:
+        """Open the port: Linux raises DTR, which resets an Uno if DTR was low."""
         session = super().open()
-        rises, self._dtr, self._hangs_up = not self._dtr, True, hangs_up
+        rises, self._dtr = not self._dtr, True
         if rises and self._board == "uno":
             self.reboot()
-        self._dtr = not lowers
         return session
 
     def unplug(self) -> None:
@@ -117,10 +112,6 @@ class GrblTwin(GrblCore):
     def run_program(self, line: str) -> None:
         """Receive a line of another program's."""
         self._line(line.encode("ascii"))
-
-    def _closed(self) -> None:
-        if self._hangs_up:
-            self._dtr = False
 
     def _reply(self, data: bytes, about: str = "", delay_s: float = REPLY_LATENCY_S) -> None:
         if self._board != "native" or self._dtr:
@@ -158,10 +149,8 @@ class GrblTwin(GrblCore):
             state = "Idle"
         sub = {"Hold": int(self._moving()), "Door": 2 if self._moving() else int(self._ajar)}.get(state)
         fields = [state if sub is None else f"{state}:{sub}"]
-        work = not int(self._settings[10]) & 1
         offset = list(self._offset_mm[: len(self._axes)])
-        shown = [p - o for p, o in zip(positions, offset, strict=True)] if work else positions
-        fields.append(f"{'WPos' if work else 'MPos'}:{report_numbers(shown, self._settings)}")
+        fields.append(self._positions(positions, offset))
         fields.append(f"FS:{hypot(*(axis.speed_at(now_s) for axis in self._axes)) * 60:.0f},0")
         if self._ajar:
             fields.append("Pn:D")
@@ -171,6 +160,9 @@ class GrblTwin(GrblCore):
         else:
             self._reports -= 1
         return f"<{'|'.join(fields)}>\r\n".encode("ascii")
+
+    def _positions(self, positions: list[float], offset: list[float]) -> str:
+        return f"MPos:{report_numbers(positions, self._settings)}"
 
     def _forget(self) -> None:
         """Begin anew, as main.c does: nothing that was received or planned before is done."""
@@ -183,13 +175,9 @@ class GrblTwin(GrblCore):
 
     def _greet(self) -> None:
         lock = b"[MSG:'$H'|'$X' to unlock]\r\n" if self._state == "Alarm" else b""
-        self._reply(b"\r\n" + self._build.greeting + b"\r\n" + lock, "banner")
+        self._reply(b"\r\n" + self.greeting + b"\r\n" + lock, "banner")
         if self._state == "Idle":
             self._start_up()
-
-    def _start_up(self) -> None:
-        for line in filter(None, self._startup):
-            self._reply(f">{line}:{self._gcode(line)}\r\n".encode("ascii"), "startup")
 
     def _line(self, line: bytes) -> None:
         if self.clock.now_s() < self._deaf_until_s or self._awaits_reset:
@@ -232,7 +220,7 @@ class GrblTwin(GrblCore):
         """End a line with its reply, and read the next one."""
         data = reply.encode("ascii") + b"\r\n"
         if self.faults.take(BANNER_INSIDE, about):
-            data = data[: len(data) // 2] + b"\r\n" + self._build.greeting + b"\r\n" + data[len(data) // 2 :]
+            data = data[: len(data) // 2] + b"\r\n" + self.greeting + b"\r\n" + data[len(data) // 2 :]
         self._reply(data, about)
         self._executing = False
         self._pump()
@@ -242,9 +230,7 @@ class GrblTwin(GrblCore):
         if text == "$":
             self._answer("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]\r\nok", text)
         elif text == "$$":
-            shown = sorted(self._settings.keys() - self._build.unlisted)
-            listed = [n for n in shown if n < 100 or n % 10 < len(self._axes)]
-            rows = "".join(f"${number}={self._settings[number]:g}\r\n" for number in listed)
+            rows = "".join(f"${number}={self._settings[number]:g}\r\n" for number in self._listed())
             self._answer("error:8" if self._state in ("Run", "Hold") else rows + "ok", text)
         elif text == "$G":
             self._answer("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok", text)
@@ -262,10 +248,8 @@ class GrblTwin(GrblCore):
 
     def _when_quiet(self, text: str) -> None:
         """Answer what is answered only in Idle and Alarm."""
-        build = self._build
         if text == "$I":
-            rows = [f"[VER:{build.version}]", f"[OPT:{build.options},15,128]", *build.extra, "ok"]
-            self._answer("\r\n".join(rows), text)
+            self._answer("\r\n".join([*self._built(), "ok"]), text)
         elif text == "$N":
             self._answer("".join(f"$N{i}={line}\r\n" for i, line in enumerate(self._startup)) + "ok", text)
         elif text == "$SLP":
@@ -273,14 +257,17 @@ class GrblTwin(GrblCore):
             self._answer("ok", text)
         elif text.startswith("$H"):
             self._home(text)
-        elif build.homing_mm is not None and (found := re.fullmatch(r"\$/AXES/([XYZ])/HOMING/MPOS_MM", text)):
-            home_mm = build.homing_mm["XYZ".index(found[1])]
-            self._answer(f"$/axes/{found[1].lower()}/homing/mpos_mm={home_mm:.3f}\r\nok", text)
         elif found := _SET.fullmatch(text):
             self._settings[int(found[1])] = float(found[2])
             self._answer("ok", text)
         else:
             self._answer("error:3", text)
+
+    def _listed(self) -> list[int]:
+        return sorted(self._settings)
+
+    def _built(self) -> list[str]:
+        return ["[VER:1.1h.20190825:]", "[OPT:V,15,128]"]
 
     def _check(self) -> None:
         if self._state == "Check":
@@ -340,10 +327,11 @@ class GrblTwin(GrblCore):
     def _inside(self, values: Mapping[str, float]) -> bool:
         """Check the target of every axis; one that is not named stays where it is."""
         now_s = self.clock.now_s()
-        return all(
-            inside(self._build, self._settings, i, values.get(AXES[i].upper(), axis.position_at(now_s)))
-            for i, axis in enumerate(self._axes)
-        )
+        for i, axis in enumerate(self._axes):
+            low_mm, high_mm = self._travel_mm(i)
+            if not low_mm <= values.get(AXES[i].upper(), axis.position_at(now_s)) <= high_mm:
+                return False
+        return True
 
 
 def _words(text: str) -> tuple[set[str], dict[str, float], float] | None:

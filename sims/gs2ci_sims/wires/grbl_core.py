@@ -5,9 +5,9 @@ and their arithmetic (`grbl_build`).
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import hypot
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from gs2ci_sims.axis_motion import AxisMotion
 from gs2ci_sims.faults import FaultSet, declare
@@ -17,9 +17,7 @@ from gs2ci_sims.wires.grbl_build import (
     DEFAULTS,
     LEAST_FEED_MM_S,
     GrblMachine,
-    homed_mm,
     stepped_rate_hz,
-    switch_mm,
 )
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import VirtualClock
@@ -61,11 +59,10 @@ class GrblCore(SerialTwin):
 
     def __init__(self, clock: VirtualClock, machine: GrblMachine, faults: FaultSet | None) -> None:
         super().__init__(clock, faults)
-        self._build, self._startup, self._switches = machine.build, machine.startup, machine.switches
         self._settings = DEFAULTS | dict(machine.settings)
         self._axes = [
             AxisMotion(machine.start_mm[i], self._settings[120 + i], machine.mechanics.get(name))
-            for i, name in enumerate(AXES[: machine.build.axes])
+            for i, name in enumerate(AXES)
         ]
         self.disturbances = Disturbances(clock, self.faults)
         self._state = "Idle" if machine.homed or not self._locks() else "Alarm"
@@ -82,10 +79,6 @@ class GrblCore(SerialTwin):
         """Return the true positions of the carriages."""
         return {name: axis.true_position_at(when_s) for name, axis in zip(AXES, self._axes, strict=False)}
 
-    def press(self, button: Literal["hold", "resume", "reset"]) -> None:
-        """Press a button at the controller."""
-        self._realtime({"hold": ord("!"), "resume": ord("~"), "reset": 0x18}[button])
-
     def open_door(self) -> None:
         """Open the safety door, on a build that has one."""
         self._ajar = True
@@ -94,7 +87,7 @@ class GrblCore(SerialTwin):
     def release(self) -> None:
         """Do what a user does after a stop: close the door, release the hold."""
         self._ajar = False
-        self.press("resume")
+        self._realtime(ord("~"))
 
     @abstractmethod
     def _pump(self) -> None:
@@ -117,7 +110,19 @@ class GrblCore(SerialTwin):
         """Restart."""
 
     def _locks(self) -> bool:
-        return bool(self._settings[22]) and "L" not in self._build.options
+        return bool(self._settings[22])
+
+    def _travel_mm(self, i: int) -> tuple[float, float]:
+        """Return the ends of an axis' travel."""
+        return -self._settings[130 + i], 0.0
+
+    def _homed_mm(self, i: int) -> float:
+        """Return what an axis counts after homing (limits.c, limits_go_home), pulled off its switch."""
+        pulloff_mm = self._settings[27]
+        return pulloff_mm - self._settings[130 + i] if self._homes_down(i) else -pulloff_mm
+
+    def _homes_down(self, i: int) -> bool:
+        return bool(int(self._settings[23]) >> i & 1)
 
     def _in_this_life(self, delay_s: float, action: Callable[[], None]) -> None:
         life = self._life
@@ -211,9 +216,8 @@ class GrblCore(SerialTwin):
         for i, distance in distances.items():  # no axis beyond its own rate
             if distance:
                 path_mm_s = min(path_mm_s, self._settings[110 + i] / 60 * path_mm / abs(distance))
-        if self._build.avr:
-            steps_per_mm = max(abs(d) * self._settings[100 + i] for i, d in distances.items()) / path_mm
-            path_mm_s = stepped_rate_hz(path_mm_s * steps_per_mm) / steps_per_mm
+        steps_per_mm = max(abs(d) * self._settings[100 + i] for i, d in distances.items()) / path_mm
+        path_mm_s = self._stepped_hz(path_mm_s * steps_per_mm) / steps_per_mm
         ends_s = now_s
         for i, distance in distances.items():
             if distance:
@@ -221,6 +225,9 @@ class GrblCore(SerialTwin):
                 speed_mm_s = path_mm_s * abs(distance) / path_mm
                 ends_s = max(ends_s, self._axes[i].move_to(target, speed_mm_s, now_s))
         return ends_s
+
+    def _stepped_hz(self, rate_hz: float) -> float:
+        return stepped_rate_hz(rate_hz)
 
     def _rest(self) -> None:
         if self._moving():  # it was hindered
@@ -264,22 +271,24 @@ class GrblCore(SerialTwin):
         if not self._settings[22]:
             self._answer("error:5", text)
             return
-        single = "XYZ".find(text[2:]) if len(text) == 3 else -1
-        if text != "$H" and (single < 0 or single >= len(self._axes) or "H" not in self._build.options):
+        cycles = self._cycles(text)
+        if cycles is None:
             self._answer("error:3", text)
             return
-        cycles = ((single,),) if text != "$H" else HOMING_CYCLES
         self._state = "Home"
         self._generation += 1
         missing = self.faults.take(HOMING_FAILS) is not None
         self._homing_cycle([[i for i in cycle if i < len(self._axes)] for cycle in cycles], text, missing=missing)
+
+    def _cycles(self, text: str) -> Sequence[Sequence[int]] | None:
+        """Return which axes a command homes together, one group after another; None if it is no such command."""
+        return HOMING_CYCLES if text == "$H" else None
 
     def _homing_cycle(self, cycles: list[list[int]], text: str, *, missing: bool) -> None:
         """Seek the switches of one cycle, pull off, approach slowly, pull off; then the next cycle."""
         cycle = cycles.pop(0)
         seek_mm_s, feed_mm_s = self._settings[25] / 60, self._settings[24] / 60
         pause_s, pulloff_mm = self._settings[26] / 1000, self._settings[27]
-        lost = missing or any(AXES[i] not in self._switches for i in cycle)
 
         def go(legs: list[tuple[bool, float]]) -> None:
             if not legs:
@@ -288,17 +297,17 @@ class GrblCore(SerialTwin):
             (onto, speed_mm_s), now_s = legs[0], self.clock.now_s()
             ends_s = now_s
             for i in cycle:
-                switch, way = switch_mm(self._build, self._settings, i)
-                counted = self._axes[i].counted_mm(switch)
-                if onto and lost:
+                way = -1.0 if self._homes_down(i) else 1.0
+                counted = self._axes[i].counted_mm(self._homed_mm(i) + way * pulloff_mm)
+                if onto and missing:
                     counted = self._axes[i].position_at(now_s) + way * SEARCH * self._settings[130 + i]
                 target = counted if onto else counted - way * pulloff_mm
                 ends_s = max(ends_s, self._axes[i].move_to(target, speed_mm_s, now_s))
-            self._later(ends_s + pause_s, lambda: self._alarm(9) if onto and lost else go(legs[1:]))
+            self._later(ends_s + pause_s, lambda: self._alarm(9) if onto and missing else go(legs[1:]))
 
         def end() -> None:
             for i in cycle:
-                self._axes[i].set_position(homed_mm(self._build, self._settings, i), self.clock.now_s())
+                self._axes[i].set_position(self._homed_mm(i), self.clock.now_s())
             if cycles:
                 self._homing_cycle(cycles, text, missing=False)
                 return
@@ -309,6 +318,5 @@ class GrblCore(SerialTwin):
 
         go([(True, seek_mm_s), (False, seek_mm_s), (True, feed_mm_s), (False, seek_mm_s)])
 
-    @abstractmethod
     def _start_up(self) -> None:
-        """Execute the startup lines."""
+        """Execute the startup lines; there are none."""

@@ -20,6 +20,7 @@ BITS |= {"RG16": 16, "pRAA": 10, "pRCC": 12}
 FIVE_FOURTHS = ("Y10P", "pRAA")
 THREE_HALVES = ("Y12P", "pRCC")
 ONE = ("GREY", "RGGB")
+_LEAST_SIDE: Final = 4
 PADDING_BYTE = 0xA5
 """The padding after the pixels of a row, visible in the picture of a program that ignores the stride."""
 
@@ -112,10 +113,17 @@ class CameraModel(ShutterModel):
 
     def __post_init__(self) -> None:
         unknown = [code for code in self.formats if code not in BITS]
-        if unknown or not self.formats or self.height % 2 or self.width % 4 or min(self.height, self.width) < 4:
+        if unknown or not self.formats:
             raise InputError(
-                f"camera of {self.width}x{self.height} with formats {list(self.formats)}",
-                allowed=f"height a multiple of 2, width of 4, formats out of {', '.join(BITS)}",
+                f"a simulated V4L2 camera of format {', '.join(map(repr, unknown)) or 'none'}",
+                allowed=f"four characters: {', '.join(BITS)}",
+                remedy="change `format` in [sensor] of the rig file",
+            )
+        if self.height % 2 or self.width % 4 or min(self.height, self.width) < _LEAST_SIDE:
+            raise InputError(
+                f"a simulated V4L2 camera of {self.height} rows and {self.width} columns",
+                allowed=f"an even number of rows and a multiple of 4 columns, {_LEAST_SIDE} or more of each",
+                remedy="change `height` and `width` in [sensor] and [world] of the rig file",
             )
 
     def bits(self, code: str) -> int:

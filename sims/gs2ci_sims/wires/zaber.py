@@ -5,17 +5,14 @@ flags, rejections, alerts, pre-emption and faults are as in reference 3.1 and 3.
 request to axis 0 gets those of all (zaber-motion, ascii.Warnings: "warnings and faults on device or axis").
 
 Closed-loop devices report what their encoder sees: one that stalls may recover and arrive, with the flag WS (ASCII
-protocol manual, Warning flags); on a servo axis a step is a count of the encoder, of which it moves by some at rest,
-within `cloop.settle.tolerance` (µm; the maker's library converts it as a length). `warnings clear` lists the flags of
-before (inferred: the maker's library raises only then). After a loss of power the axis counts from 0 where it stands,
-until it has found its home sensor. Begin and end of moves may have accelerations of their own (`motion.accelonly`,
-`motion.decelonly`), which may grow and fall within a time in ms (`motion.accel.ramptime`; that it is linear in time is
-an assumption). Not here: the byte level (`serial_twin`), the driver.
+protocol manual, Warning flags). `warnings clear` lists the flags of before (inferred: the maker's library raises only
+then). After a loss of power the axis counts from 0 where it stands, until it has found its home sensor. `move abs`
+accepts a speed and an acceleration for this move (zaber-motion, Axis.move_absolute: "velocity: ... requires at least
+firmware 7.25"). Not here: the byte level (`serial_twin`), the driver.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import sin
 from typing import Any
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
@@ -59,13 +56,7 @@ class ZaberAxis:
         max_steps: `limit.max`.
         max_speed: `maxspeed`, in speed data.
         acceleration: `accel`, in acceleration data.
-        deceleration: `motion.decelonly`, in the same data; None: that of `acceleration`, which `motion.accelonly` is.
-        rounding_ms: `motion.accel.ramptime`; None for firmware that has no such setting.
-        resolution: Microsteps per full step; None for a direct drive, which has no such setting.
         start_mm: Position at power-on.
-        temperature_c: `driver.temperature`; None for a device that has no such setting.
-        settle_um: `cloop.settle.tolerance` of a servo axis; None for a device that has no such setting.
-        restless_steps: By how many counts its position changes at rest.
         mechanics: The errors between counted and true position.
     """
 
@@ -74,13 +65,7 @@ class ZaberAxis:
     max_steps: int = 3149606
     max_speed: int = 1376257
     acceleration: int = 1720
-    deceleration: int | None = None
-    rounding_ms: float | None = 0.0
-    resolution: int | None = 64
     start_mm: float = 75.0
-    temperature_c: float | None = 31.4
-    settle_um: float | None = None
-    restless_steps: int = 0
     mechanics: Mechanics = field(default_factory=Mechanics)
 
 
@@ -95,17 +80,14 @@ class _Axis:
         self.built = built
         self.flags: set[str] = set() if referenced else {"WR"}
         self.max_speed = built.max_speed
-        per_data = 1e4 / SPEED_SCALE * built.microstep_mm
-        self.motion = AxisMotion(built.start_mm, built.acceleration * per_data, built.mechanics)
-        self.motion.braking_mm_s2 = None if built.deceleration is None else built.deceleration * per_data
-        self.motion.rounding_s = (built.rounding_ms or 0.0) * 1e-3
+        acceleration_mm_s2 = built.acceleration * 1e4 / SPEED_SCALE * built.microstep_mm
+        self.motion = AxisMotion(built.start_mm, acceleration_mm_s2, built.mechanics)
 
     def speed_mm_s(self, speed: int | None = None) -> float:
         return (speed or self.max_speed) / SPEED_SCALE * self.built.microstep_mm
 
     def steps_at(self, when_s: float) -> int:
-        rest = self.built.restless_steps * sin(2e3 * when_s)
-        return round(self.motion.position_at(when_s) / self.built.microstep_mm + rest)
+        return round(self.motion.position_at(when_s) / self.built.microstep_mm)
 
 
 class ZaberTwin(SerialTwin):
@@ -117,8 +99,6 @@ class ZaberTwin(SerialTwin):
         faults: The faults to inject.
         address: Its address.
         referenced: Whether its position is known at power-on (with an absolute encoder, or homed before).
-        firmware: Its version. From 7.25 on `move abs` accepts a speed and an acceleration for this move (zaber-motion,
-            Axis.move_absolute: "velocity: ... requires at least firmware 7.25").
 
     Settings such as `maxspeed` are kept in non-volatile memory (Zaber ASCII protocol manual, device settings): they
     remain after a session that ended without restoring them, and after a power cycle.
@@ -132,13 +112,9 @@ class ZaberTwin(SerialTwin):
         *,
         address: int = 1,
         referenced: bool = True,
-        firmware: str = "7.28",
     ) -> None:
         super().__init__(clock, faults)
         self._address = address
-        self._firmware = firmware
-        version = tuple(int(part) for part in firmware.split("."))
-        self._takes_speeds, self._two_ends = version >= (7, 25), version >= (6, 6)
         self._names = tuple(axes or {"x": ZaberAxis()})
         self._axes = [_Axis(axis, referenced=referenced) for axis in (axes or {"x": ZaberAxis()}).values()]
         self._replies_checked = False
@@ -259,7 +235,7 @@ class ZaberTwin(SerialTwin):
         setting = words[0] if words else ""
         whole = {
             "deviceid": "50081",
-            "version": self._firmware,
+            "version": "7.28",
             "system.serial": "48915",
             "system.axiscount": str(len(self._axes)),
             "comm.checksum": str(int(self._replies_checked)),
@@ -277,14 +253,13 @@ class ZaberTwin(SerialTwin):
                 "limit.home.triggered": int("WR" not in axis.flags),
                 "maxspeed": axis.max_speed,
                 "accel": axis.built.acceleration,
-                "motion.accelonly": axis.built.acceleration if self._two_ends else None,
-                "motion.decelonly": (axis.built.deceleration or axis.built.acceleration) if self._two_ends else None,
-                "motion.accel.ramptime": axis.built.rounding_ms,
-                "resolution": axis.built.resolution,
-                "driver.temperature": axis.built.temperature_c,
-                "cloop.settle.tolerance": axis.built.settle_um,
+                "motion.accelonly": axis.built.acceleration,
+                "motion.decelonly": axis.built.acceleration,
+                "motion.accel.ramptime": 0.0,
+                "resolution": 64,
+                "driver.temperature": 31.4,
             }
-            if of_axis.get(setting) is None:
+            if setting not in of_axis:
                 raise _RejectedError("BADCOMMAND")
             values.append(str(of_axis[setting]))
         return " ".join(values)
@@ -350,8 +325,7 @@ class ZaberTwin(SerialTwin):
 
     def _do_move(self, number: int, words: list[str]) -> None:
         kinds = {"abs": 2, "rel": 2, "vel": 2, "min": 1, "max": 1}
-        most = 2 if self._takes_speeds else 0  # a speed and an acceleration for this move alone
-        if not words or words[0] not in kinds or not kinds[words[0]] <= len(words) <= kinds[words[0]] + most:
+        if not words or words[0] not in kinds or not kinds[words[0]] <= len(words) <= kinds[words[0]] + 2:
             raise _RejectedError("BADCOMMAND")
         speeds = words[kinds[words[0]] :]
         self._need_driver(number)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.api.shots import import_file
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.camera_files import is_camera_file, read_calibration, read_cameras, read_poses
+from gs2ci.core.lens import distorted
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 
 SIZE = (60, 80)
@@ -164,9 +165,28 @@ def test_one_focal_length_for_both_axes_is_a_pinhole(tmp_path):
     np.testing.assert_allclose(found.intrinsics, [[70, 0, 41], [0, 70, 29], [0, 0, 1]])
 
 
+@pytest.mark.parametrize(
+    ("model", "params"),
+    [
+        ("SIMPLE_RADIAL", [70, 41, 29, 0.1]),
+        ("RADIAL", [70, 41, 29, 0.1, -0.05]),
+        ("OPENCV", [70, 72, 41, 29, 0.1, -0.05, 0.01, 0.02]),
+    ],
+)
+def test_lenses_of_colmaps_models_bend_rays_as_colmap_does(tmp_path, model, params):
+    """SIMPLE_RADIAL is what COLMAP takes by default."""
+    found = read_calibration(colmap(tmp_path, model, params), SIZE)
+    camera = pycolmap.Camera(model=model, width=SIZE[1], height=SIZE[0], params=params)
+    slopes = np.random.default_rng(0).uniform(-0.4, 0.4, (9, 2))
+    bent = np.c_[distorted(slopes, found.distortion[:5]), np.ones(9)] @ found.intrinsics.T
+    np.testing.assert_allclose(camera.img_from_cam(np.c_[slopes, np.ones(9)]), bent[:, :2])
+
+
 def test_distorted_and_several_cameras_are_refused(tmp_path):
-    with pytest.raises(InputError, match="SIMPLE_RADIAL"):
+    with pytest.raises(InputError, match=r"distorted camera \(k1\)"):
         read_cameras(colmap(tmp_path, "SIMPLE_RADIAL", [70, 41, 29, 0.1]), 2, SIZE)
+    with pytest.raises(InputError, match="holds a SIMPLE_RADIAL_FISHEYE camera"):
+        read_cameras(colmap(tmp_path, "SIMPLE_RADIAL_FISHEYE", [70, 41, 29, 0.1]), 2, SIZE)
     with pytest.raises(InputError, match="holds 2 cameras"):
         read_cameras(colmap(tmp_path, "SIMPLE_PINHOLE", [70, 41, 29], cameras=2), 2, SIZE)
 

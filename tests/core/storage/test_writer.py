@@ -274,6 +274,9 @@ def test_a_capture_never_replaces_a_finished_file_or_an_unfinished_one(tmp_path,
     write_shots(tmp_path / "shot.h5", [make_shot()])
     with pytest.raises(StorageError, match="already exists"):
         ShotWriter(tmp_path / "shot.h5", header)
+    (tmp_path / "folder.h5").mkdir()
+    with pytest.raises(StorageError, match=r"folder\.h5: is a folder; allowed: the name of a file"):
+        write_shots(tmp_path / "folder.h5", [make_shot()])
     with ShotWriter(tmp_path / "other.h5", header):
         pass
     with pytest.raises(StorageError, match=r"unfinished capture.*gs2ci recover"):

@@ -15,10 +15,10 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.stage import StageStatus
-from gs2ci_sims.wires.grbl import GrblTwin
 from gs2ci_sims.wires.grbl_build import GrblMachine
 from gs2ci_sims.world import VirtualClock
 from tests.drivers.scripted import ScriptedPort
+from tests.twins.grbl import GrblTwin
 
 
 def make(machine=None, **options):

@@ -15,10 +15,10 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_sims.axis_motion import Mechanics
-from gs2ci_sims.wires.grbl import GrblTwin
-from gs2ci_sims.wires.grbl_build import GRBL, GrblBuild, GrblMachine, stepped_rate_hz
+from gs2ci_sims.wires.grbl_build import GrblMachine, stepped_rate_hz
 from gs2ci_sims.world import VirtualClock
 from tests.drivers.grbl_builds import FLUIDNC, GRBLHAL
+from tests.twins.grbl import GRBL, GrblBuild, GrblTwin, OddMachine
 
 GREETINGS = [
     b"GrblHAL 1.1f ['$' or '$HELP' for help]",
@@ -98,7 +98,7 @@ def test_the_speed_that_a_sweep_states_is_the_one_that_is_stepped(speed_mm_s):
 
 
 def test_other_processors_have_no_lowest_rate():
-    _, _, stage = make(GrblMachine(build=GRBLHAL, settings={100: 80}))
+    _, _, stage = make(OddMachine(build=GRBLHAL, settings={100: 80}))
     stage.connect()
     assert stage.info.axes["x"].min_speed_mm_s == pytest.approx(1 / 60)
     assert stage.info.model == "grblHAL controller"
@@ -160,7 +160,7 @@ def test_a_move_that_a_hold_has_swallowed_is_taken_back_and_the_hold_is_named():
 
 
 def test_an_open_door_takes_no_move_and_nothing_comes_when_it_is_closed():
-    clock, twin, stage = make(GrblMachine(build=GrblBuild(options="V+")))
+    clock, twin, stage = make(OddMachine(build=GrblBuild(options="V+")))
     stage.connect()
     twin.open_door()
     assert stage.status().faults == ("state Door",)
@@ -227,7 +227,7 @@ def test_half_a_line_of_a_killed_program_is_not_executed_and_disturbs_nothing(re
 
 @pytest.mark.parametrize("state", ["Hold", "Door", "Sleep", "Check"])
 def test_a_controller_that_takes_no_commands_is_refused_with_its_state(state):
-    clock, twin, stage = make(GrblMachine(build=GrblBuild(options="V+")))
+    clock, twin, stage = make(OddMachine(build=GrblBuild(options="V+")))
     {
         "Hold": lambda: twin.press("hold"),
         "Door": twin.open_door,
@@ -254,7 +254,7 @@ def test_a_controller_that_takes_no_commands_is_refused_with_its_state(state):
 def test_the_travel_is_the_one_of_the_build(options, mask, low_mm, high_mm, home_mm, soft_limits):
     build = GrblBuild(options=options)
     start_mm = (100.0 if high_mm else -100.0, -100.0, -10.0)
-    clock, twin, stage = make(GrblMachine({20: soft_limits, 23: mask}, start_mm, build=build, homed=False))
+    clock, twin, stage = make(OddMachine({20: soft_limits, 23: mask}, start_mm, build=build, homed=False))
     axis = stage.connect().axes["x"]
     assert (axis.min_mm, axis.max_mm) == (low_mm, high_mm)
     assert stage.home()["x"] == pytest.approx(home_mm)
@@ -269,7 +269,7 @@ def test_a_fluidnc_stage_has_the_travel_of_its_homing_position():
     build = GrblBuild(
         FLUIDNC.greeting, FLUIDNC.version, "PHS", avr=False, unlisted=FLUIDNC.unlisted, homing_mm={0: 150.0, 1: 0, 2: 0}
     )
-    _, _, stage = make(GrblMachine(start_mm=(40.0, -100.0, -10.0), build=build, homed=False))
+    _, _, stage = make(OddMachine(start_mm=(40.0, -100.0, -10.0), build=build, homed=False))
     axis = stage.connect().axes["x"]
     assert (axis.min_mm, axis.max_mm) == (-50.0, 150.0)
     assert stage.home()["x"] == pytest.approx(150.0)
@@ -282,7 +282,7 @@ def test_a_fluidnc_stage_has_the_travel_of_its_homing_position():
 @pytest.mark.parametrize("moment", ["at rest", "moving", "unheard"])
 @pytest.mark.parametrize("homing", [0, 1])
 def test_a_restart_is_noticed_whatever_the_greeting_says(greeting, moment, homing):
-    clock, twin, stage = make(GrblMachine({22: homing}, build=GrblBuild(greeting)))
+    clock, twin, stage = make(OddMachine({22: homing}, build=GrblBuild(greeting)))
     stage.connect()
     stage.move_to({"x": -98.0})
     if moment == "unheard":
@@ -307,7 +307,7 @@ def test_a_restart_is_noticed_whatever_the_greeting_says(greeting, moment, homin
 
 @pytest.mark.parametrize("greeting", GREETINGS)
 def test_a_hard_limit_can_be_homed_away_whatever_the_greeting_says(greeting):
-    clock, twin, stage = make(GrblMachine(build=GrblBuild(greeting)))
+    clock, twin, stage = make(OddMachine(build=GrblBuild(greeting)))
     stage.connect()
     twin._alarm(1)
     clock.sleep_s(1.0)
@@ -326,7 +326,7 @@ def test_somebody_who_moves_it_by_other_means_is_told_of_and_the_count_goes_on()
 
 
 def test_a_build_that_does_not_lock_itself_is_homed_in_each_session():
-    _, _, stage = make(GrblMachine(build=GrblBuild(options="VL")))
+    _, _, stage = make(OddMachine(build=GrblBuild(options="VL")))
     stage.connect()
     assert not stage.status().referenced
     assert "does not lock after power-on" in " ".join(stage.status().warnings)
@@ -357,7 +357,7 @@ def test_a_reset_in_motion_is_waited_for_by_its_setting(lock_ms):
 
 
 def test_work_positions_are_read_with_the_offset_of_the_first_report():
-    machine = GrblMachine({10: 0}, offset_mm=(-50.0, 0.0, 0.0))
+    machine = OddMachine({10: 0}, offset_mm=(-50.0, 0.0, 0.0))
     _, twin, stage = make(machine)
     for _ in range(3):
         twin._report()  # another program has heard the first ones
@@ -384,7 +384,7 @@ def test_motors_that_are_switched_off_between_moves_are_warned_of():
 
 
 def warnings(settings, axes=("x",), **build):
-    _, _, stage = make(GrblMachine(settings, build=GrblBuild(**build)), axes)
+    _, _, stage = make(OddMachine(settings, build=GrblBuild(**build)), axes)
     stage.connect()
     return stage.status().warnings
 
@@ -396,7 +396,7 @@ def test_a_stage_of_one_axis_is_told_that_homing_drives_the_others():
 
 
 def test_a_homing_that_a_missing_switch_of_z_ends_says_what_the_build_needs():
-    clock, twin, stage = make(GrblMachine(homed=False, switches="x"))
+    clock, twin, stage = make(OddMachine(homed=False, switches="x"))
     stage.connect()
     with pytest.raises(MoveFailedError, match=r"ALARM:9.*HOMING_CYCLE_0 for its own axes only"):
         stage.home()
@@ -404,7 +404,7 @@ def test_a_homing_that_a_missing_switch_of_z_ends_says_what_the_build_needs():
 
 
 def test_a_build_with_single_axis_homing_homes_only_the_axis_in_use():
-    clock, twin, stage = make(GrblMachine(homed=False, switches="x", build=GrblBuild(options="VH")))
+    clock, twin, stage = make(OddMachine(homed=False, switches="x", build=GrblBuild(options="VH")))
     stage.connect()
     stage.home()
     assert true_mm(twin, clock) == pytest.approx(-1.0)
@@ -413,19 +413,19 @@ def test_a_build_with_single_axis_homing_homes_only_the_axis_in_use():
 
 @pytest.mark.parametrize("startup", [("G1X-98F600", ""), ("G21", "G28")])
 def test_a_startup_line_that_moves_the_stage_is_refused(startup):
-    clock, twin, stage = make(GrblMachine({22: 0}, startup=startup))
+    clock, twin, stage = make(OddMachine({22: 0}, startup=startup))
     with pytest.raises(UnsupportedError, match=r"startup line moves the stage.*clear it with \$N0="):
         stage.connect()
     assert rests(twin, clock)
 
 
 def test_a_startup_line_that_moves_nothing_is_none_of_our_business():
-    _, _, stage = make(GrblMachine(startup=("G21", "")))
+    _, _, stage = make(OddMachine(startup=("G21", "")))
     stage.connect()
 
 
 def test_the_twin_runs_its_startup_lines_on_each_reset_at_rest():
-    clock, twin, _ = make(GrblMachine({22: 0}, startup=("G1X-98F600", "")))
+    clock, twin, _ = make(OddMachine({22: 0}, startup=("G1X-98F600", "")))
     twin.press("reset")
     clock.sleep_s(3.0)
     assert true_mm(twin, clock) == pytest.approx(-98.0)
@@ -438,7 +438,7 @@ def test_a_fluidnc_controller_with_one_axis_is_a_stage():
     build = GrblBuild(
         FLUIDNC.greeting, FLUIDNC.version, "PHS", 1, avr=False, unlisted=FLUIDNC.unlisted, homing_mm={0: 0.0}
     )
-    clock, twin, stage = make(GrblMachine(build=build, homed=False))
+    clock, twin, stage = make(OddMachine(build=build, homed=False))
     info = stage.connect()
     assert info.model == "FluidNC controller"
     stage.home()
@@ -453,7 +453,7 @@ def opened_again(stage, twin, clock, axes):
 
 
 def test_a_controller_that_waits_for_a_tool_says_so_and_moves_nothing():
-    _, twin, stage = make(GrblMachine(build=GRBLHAL))
+    _, twin, stage = make(OddMachine(build=GRBLHAL))
     stage.connect()
     twin._state = "Tool"
     assert stage.status().faults == ("state Tool",)
@@ -483,7 +483,7 @@ def test_the_twin_ends_a_jog_in_idle_when_hold_is_pressed():
 
 
 def test_the_twins_door_counts_as_open_and_then_as_closed():
-    clock, twin, stage = make(GrblMachine(build=GrblBuild(options="V+")))
+    clock, twin, stage = make(OddMachine(build=GrblBuild(options="V+")))
     stage.connect()
     stage.begin_move({"x": -20.0})
     clock.sleep_s(0.5)

@@ -15,6 +15,8 @@ from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
 from tests.drivers.scripted import ScriptedPort
+from tests.twins import zaber as odd
+from tests.twins.zaber import OddAxis
 
 STEP = 0.000047625
 
@@ -24,7 +26,7 @@ OLD = "6.28"
 
 def make(firmware="7.28", axis=None, **options):
     clock = VirtualClock()
-    twin = ZaberTwin(clock, {"x": axis or ZaberAxis()}, firmware=firmware)
+    twin = odd.ZaberTwin(clock, axis or OddAxis(), firmware=firmware)
     stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": STEP}, **options))
     return clock, twin, stage
 
@@ -81,13 +83,13 @@ def test_old_firmware_has_its_own_speed_back_after_a_slow_move_and_after_closing
 
 @pytest.mark.parametrize(("resolution", "microstep"), [(128, "2.38125e-05"), (32, "9.525e-05")])
 def test_another_resolution_than_the_rig_file_speaks_of_is_refused_with_the_right_microstep(resolution, microstep):
-    _, _, stage = make(axis=ZaberAxis(resolution=resolution))
+    _, _, stage = make(axis=OddAxis(resolution=resolution))
     with pytest.raises(UnsupportedError, match=rf"resolution = {resolution} and microstep_mm = \{{ x = {microstep}"):
         stage.connect()
 
 
 def test_a_direct_drive_has_no_resolution_to_be_checked():
-    _, _, stage = make(axis=ZaberAxis(resolution=None))
+    _, _, stage = make(axis=OddAxis(resolution=None))
     assert stage.connect().axes["x"].step_mm == pytest.approx(STEP)
 
 

@@ -7,15 +7,15 @@ from gs2ci_drivers.sweep_check import SweepCheck
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
-from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
+from tests.twins.zaber import OddAxis, ZaberTwin
 
 COUNT_MM = 0.0001
 
 
 def make(axis=None, **twin):
     clock = VirtualClock()
-    twin = ZaberTwin(clock, {"x": axis or ZaberAxis(microstep_mm=COUNT_MM)}, **twin)
+    twin = ZaberTwin(clock, axis or OddAxis(microstep_mm=COUNT_MM), **twin)
     stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": COUNT_MM}))
     stage.connect()
     return clock, twin, stage
@@ -71,7 +71,7 @@ def kept_path(stage, clock, twin):
     ],
 )
 def test_ramps_that_another_program_made_gentler_lie_outside_the_masks(settings):
-    axis = ZaberAxis(microstep_mm=COUNT_MM, acceleration=1720, **settings)
+    axis = OddAxis(microstep_mm=COUNT_MM, acceleration=1720, **settings)
     clock, twin, stage = make(axis)
     assert kept_path(stage, clock, twin) < 2e-3
     found = stage.info.axes["x"]
@@ -81,7 +81,7 @@ def test_ramps_that_another_program_made_gentler_lie_outside_the_masks(settings)
 
 
 def test_firmware_with_one_acceleration_for_both_ends_is_asked_for_that():
-    axis = ZaberAxis(microstep_mm=COUNT_MM, rounding_ms=None)
+    axis = OddAxis(microstep_mm=COUNT_MM, rounding_ms=None)
     _, _, stage = make(axis, firmware="6.05")
     assert stage.info.axes["x"].acceleration_mm_s2 == pytest.approx(1720 * 1e4 / 1.6384 * COUNT_MM)
     assert stage.info.axes["x"].rounding_s == 0.0
@@ -89,14 +89,14 @@ def test_firmware_with_one_acceleration_for_both_ends_is_asked_for_that():
 
 @pytest.mark.parametrize("seconds", [0.0, 0.123, 0.7])
 def test_a_servo_axis_that_moves_by_some_counts_at_rest_has_arrived(seconds):
-    clock, _, stage = make(ZaberAxis(microstep_mm=COUNT_MM, settle_um=2.0, restless_steps=10))
+    clock, _, stage = make(OddAxis(microstep_mm=COUNT_MM, settle_um=2.0, restless_steps=10))
     clock.sleep_s(seconds)
     assert stage.info.axes["x"].window_mm == pytest.approx(0.002)
     assert stage.move_to({"x": 60.0})["x"] == pytest.approx(60.0, abs=0.002)
 
 
 def test_an_axis_that_rests_beyond_its_own_tolerance_has_not():
-    _, twin, stage = make(ZaberAxis(microstep_mm=COUNT_MM, settle_um=2.0))
+    _, twin, stage = make(OddAxis(microstep_mm=COUNT_MM, settle_um=2.0))
     twin.faults.inject("zaber.slip", value=0.003)
     with pytest.raises(MoveFailedError, match="short of its target"):
         stage.move_to({"x": 60.0})
@@ -134,6 +134,6 @@ def test_the_carriage_stands_still_when_the_power_fails_and_homing_finds_its_sen
 
 
 def test_steps_that_a_motor_without_encoder_loses_change_no_report():
-    clock, twin, stage = make(ZaberAxis(microstep_mm=COUNT_MM, mechanics=Mechanics(slip_mm=0.5, seed=1)))
+    clock, twin, stage = make(OddAxis(microstep_mm=COUNT_MM, mechanics=Mechanics(slip_mm=0.5, seed=1)))
     assert stage.move_to({"x": 60.0})["x"] == pytest.approx(60.0)
     assert abs(twin.positions_mm_at(clock.now_s())["x"] - 60.0) > 0.05

@@ -71,7 +71,7 @@ def test_cameras_without_a_path_are_not_called_one(evidence, verdict, found):
 def test_a_camera_known_to_be_at_rest_has_no_path(evidence):
     geometry = replace(evidence.report.geometry, verdict="static", method="rest")
     without = replace(evidence, true_world_to_camera=None, stage_world_to_camera=None)
-    notes = (*evidence.report.notes, finding(Code.CAMERA_AT_REST, share=0.6))
+    notes = (*evidence.report.notes, finding(Code.CAMERA_GIVEN_AT_REST))
     page = run_page(changed(without, geometry=geometry, notes=notes))
     assert "The camera was at rest: there is no path" in page
     assert "No path was found" not in page

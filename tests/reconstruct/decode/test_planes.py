@@ -17,10 +17,10 @@ def test_planes_are_the_transposed_views_and_return_to_them(channels):
     assert planes.dtype == np.float32
 
 
-def test_a_copy_shares_no_memory_even_of_grey_views():
+def test_planes_share_no_memory_with_views_even_grey_ones():
     views = np.zeros((2, 3, 3, 1), np.float32)
     planar(views)[:] = 1
-    interleaved(planar(views))[:] = 1
+    interleaved(planar(views))[:] = 1  # of planes of their own
     assert not views.any()
 
 

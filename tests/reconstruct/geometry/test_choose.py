@@ -361,43 +361,12 @@ def lost_request(seen, expose):
     return lambda **parts: Request(expose(scene, **parts), scene.views, settings)
 
 
-@pytest.fixture(scope="module")
-def rest_request(seen, expose):
-    """Make a request about a camera that did not move, ten masks long."""
-    scene = seen(views=10, poses=np.tile(np.eye(4), (10, 1, 1)))
-    return lambda **parts: Request(expose(scene, **parts), scene.views, QUICK)
-
-
-def test_auto_finds_a_camera_at_rest_in_the_measurement_alone(rest_request):
-    request = rest_request()
-    # The views that a decode leaves may move.
-    request = replace(request, views=request.views + 0.2 * np.random.default_rng(0).random((10, 1, 1, 1), np.float32))
-    found = find("auto", request)
-    assert (found.source, found.verdict, found.focal_source) == ("rest", "static", "file")
-    assert [note.code for note in found.notes] == [Code.CAMERA_AT_REST]
-    assert found.notes[0].figures["share"] > 0.9
-    assert np.array_equal(found.world_to_camera, np.tile(np.eye(4), (10, 1, 1)))
-    assert (found.inverse_depth == 1).all()
-
-
-def test_a_stage_that_reports_poses_is_asked_before_a_camera_is_taken_to_be_at_rest(rest_request):
-    poses = np.tile(np.eye(4), (10, 1, 1))
-    poses[:, 0, 3] = np.linspace(0, 0.1, 10)
-    assert find("auto", rest_request(telemetry_world_to_camera=poses)).source != "rest"
-
-
 def test_a_camera_may_be_said_to_be_at_rest(request_for):
     found = find("rest", request_for())
     assert (found.source, found.verdict) == ("rest", "static")
     assert [note.code for note in found.notes] == [Code.CAMERA_GIVEN_AT_REST]
     unknown = find("rest", request_for(intrinsics=None))
     assert unknown.focal_source == "default"
-
-
-def test_auto_says_how_many_views_joined_where_not_all_did(lost_request, monkeypatch):
-    monkeypatch.setattr(choose, "matched_motion", lambda request, tracks: replace(at_rest(tracks), joined=3))
-    found = find("auto", lost_request())
-    assert (found.source, found.verdict, found.joined) == ("tracks", "unsupported", 3)
 
 
 def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(request_for):

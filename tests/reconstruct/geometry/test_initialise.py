@@ -6,9 +6,10 @@ import pytest
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, GeometrySettings, initialise
-from gs2ci.reconstruct.geometry.path.bundle import AdjustedBundle
+from gs2ci.reconstruct.geometry.path.bundle import AdjustedBundle, adjust_bundle
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.points import seed_points
 
@@ -76,6 +77,19 @@ def test_where_freed_points_find_no_solution_the_path_with_fixed_ones_stands(see
     assert (fixed.verdict, fixed.notes) == ("full", ())
     assert compare[0](fixed.world_to_camera, scene.poses) < 0.05
     assert not np.array_equal(fixed.world_to_camera, freed.world_to_camera)
+
+
+def test_points_are_freed_once_and_of_the_last_tracks(seen, monkeypatch):
+    scene, starts = seen(), []
+    monkeypatch.setattr(
+        "gs2ci.reconstruct.geometry.initialise.adjust_bundle",
+        lambda tracks, *given, **how: starts.append(tracks) or adjust_bundle(tracks, *given, **how),
+    )
+    found = initialise(scene.views, scene.intrinsics, QUICK)
+    (tracks,) = starts
+    initialise(scene.views, scene.intrinsics, replace(QUICK, left_out=(LeftOut.TRACKS_SOUGHT_TWICE,)))
+    assert found.has_path
+    assert not np.array_equal(tracks.positions, starts[1].positions)
 
 
 def test_freed_points_that_would_cost_the_verdict_are_not_freed(seen, monkeypatch):

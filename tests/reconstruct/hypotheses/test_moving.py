@@ -24,7 +24,7 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses import moving
-from gs2ci.reconstruct.hypotheses.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
+from gs2ci.reconstruct.hypotheses.moving import MotionQuestion, MotionReport
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.reconstruct.paper.fine import FineSettings
@@ -262,7 +262,7 @@ def test_moment_of_a_mask_is_its_view(moved):
 
 
 def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
-    """Whichever of the attempts is taken: patches, which told of it, gain by themselves, as decode and as views."""
+    """Whichever of the attempts is taken: patches gain by themselves, as decode and as views."""
     shot = exposed(thing_before_a_wall(2.5))
     # With positions that step in the view, depth explains an even motion
     # (docs/decisions/steps.md).
@@ -274,7 +274,6 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
         if found.motion.tried:
             break
     assert found.motion.tried
-    assert found.motion.patch_gain > LEAST_PATCH_GAIN
     still = reconstruct(shot, replace(settings, motion="off")).result
     found_db, decode_db, still_db, still_decode_db = (
         np.mean(psnr_per_view(views, shot.truth.views))
@@ -295,47 +294,18 @@ def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
     assert Code.FINE_LEFT_OUT not in [note.code for note in without.result.notes]
 
 
-@pytest.mark.parametrize(("gain", "speaks"), [(None, False), (0.05, False), (0.1, True)])
-def test_what_few_steps_of_patches_gain_speaks_for_motion(gain, speaks):
-    assert MotionQuestion(None, gain).speaks_for_motion is speaks
-
-
 @pytest.mark.parametrize(
     ("explained", "surely", "speaks"),
     [(0.02, 0.0, True), (0.003, 0.05, False), (0.003, 0.1, True), (0.0, 0.0, False)],
 )
 def test_a_residual_speaks_for_motion_by_what_it_explains_or_by_many_blocks(explained, surely, speaks):
-    assert moving.speaks_for_motion(LeftByMotion(explained, surely)) is speaks
-
-
-def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
-    assert MotionQuestion(None, 0.05, behind_decode=True).speaks_for_motion
+    left = LeftByMotion(explained, surely)
+    assert moving.speaks_for_motion(left) is MotionQuestion(left).speaks_for_motion is speaks
 
 
 @pytest.mark.parametrize(("share", "speaks"), [(0.0, False), (0.02, False), (0.04, True)])
 def test_a_still_scene_that_errs_over_time_speaks_for_motion(share, speaks):
     assert MotionQuestion(unfollowed=share).speaks_for_motion is speaks
-
-
-@pytest.mark.parametrize(
-    ("explained", "gain", "speaks"), [(0.005, 0.04, True), (0.003, 0.04, False), (0.005, 0.03, False)]
-)
-def test_before_a_camera_known_to_be_at_rest_less_speaks_for_motion(explained, gain, speaks):
-    left = LeftByMotion(explained, 0.0)
-    asked = MotionQuestion(left, gain, known_at_rest=True)
-    assert (moving.speaks_for_motion(left, known_at_rest=True) and asked.speaks_for_motion) is speaks
-    assert not moving.speaks_for_motion(left)
-    assert not MotionQuestion(left, gain).speaks_for_motion
-
-
-@pytest.mark.parametrize("wrong", ["got_worse", "no_path"])
-@pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.1, 0.05, True), (0.05, 0.05, False), (0.1, 0.03, False)])
-def test_a_fit_that_got_worse_or_has_no_path_speaks_for_motion_if_it_lacks_it_in_many_blocks(
-    surely, gain, speaks, wrong
-):
-    left = LeftByMotion(0.05, surely)
-    assert MotionQuestion(left, gain, **{wrong: True}).speaks_for_motion == speaks
-    assert not MotionQuestion(left, gain).speaks_for_motion
 
 
 @pytest.mark.parametrize(("share", "code"), [(0.4, Code.SCENE_MOVES), (0.9, Code.MOTION_OR_CAMERA)])
@@ -344,10 +314,6 @@ def test_where_most_of_the_picture_moves_and_no_path_is_known_the_camera_may_hav
     report = MotionReport("auto", moves=True)
     assert [note.code for note in report.notes(speeds, None)] == [code]
     assert [note.code for note in report.notes(speeds, np.tile(np.eye(4), (2, 1, 1)))] == [Code.SCENE_MOVES]
-
-
-def test_still_scene_behind_the_decode_from_which_patches_take_next_to_nothing_does_not():
-    assert not MotionQuestion(None, 0.015, behind_decode=True).speaks_for_motion
 
 
 @pytest.mark.parametrize(

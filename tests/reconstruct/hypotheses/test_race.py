@@ -19,7 +19,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.hypotheses import jury, race
-from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
+from gs2ci.reconstruct.hypotheses.findings import course_findings
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound, RaceOutcome
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
@@ -132,7 +132,6 @@ def run(
     *,
     left=QUIET,
     settings=None,
-    further=0.1,
     scatter=0.0,
     followed=lambda *_: np.zeros(1),
 ):
@@ -144,9 +143,8 @@ def run(
     matched = replace(first, geometry=replace(first.geometry, source="wide"))
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
     monkeypatch.setattr(jury, "ask", lambda *_: left)
-    monkeypatch.setattr(race, "ask", lambda *_: left)
     monkeypatch.setattr(jury, "followed_by_other_alone", followed)
-    monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
+    monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(0.1))
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
     raced = race.Race(fits).run(first, order or OrderFound())
@@ -190,16 +188,17 @@ MOVES = "moving from the first"
 
 
 @pytest.mark.parametrize(
-    ("leaves", "further", "fitted", "moves"),
+    ("left", "leaves", "fitted", "moves"),
     [
-        ({FIRST: 0.03}, 0.0299, [(FIRST, 400), (COMPANION, 400)], False),
-        ({FIRST: 0.03, MOVES: 0.031}, 0.02, [(FIRST, 400), (COMPANION, 400), (MOVES, 200)], False),
-        ({FIRST: 0.03, MOVES: 0.0298}, 0.02, [(FIRST, 400), (COMPANION, 400), (MOVES, 400)], False),
-        ({FIRST: 0.03, MOVES: 0.02}, 0.02, [(FIRST, 400), (COMPANION, 400), (MOVES, 400)], True),
+        (QUIET, {FIRST: 0.03, MOVES: 0.02}, [(FIRST, 400), (COMPANION, 400)], False),
+        (LOUD, {FIRST: 0.03, MOVES: 0.04}, [(FIRST, 400), (COMPANION, 400), (MOVES, 100)], False),
+        (LOUD, {FIRST: 0.03, MOVES: 0.031}, [(FIRST, 400), (COMPANION, 400), (MOVES, 200)], False),
+        (LOUD, {FIRST: 0.03, MOVES: 0.0298}, [(FIRST, 400), (COMPANION, 400), (MOVES, 400)], False),
+        (LOUD, {FIRST: 0.03, MOVES: 0.02}, [(FIRST, 400), (COMPANION, 400), (MOVES, 400)], True),
     ],
 )
-def test_things_may_move_if_that_is_clearly_better(monkeypatch, first, leaves, further, fitted, moves):
-    raced, made = run(monkeypatch, first, leaves, left=LOUD, further=further)
+def test_things_may_move_if_that_is_clearly_better(monkeypatch, first, left, leaves, fitted, moves):
+    raced, made = run(monkeypatch, first, leaves, left=left)
     assert made == fitted
     assert raced.motion.moves is moves
     assert sum(iterations == LONG for _, iterations in made) <= 3
@@ -215,7 +214,7 @@ def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first
 def test_errors_over_time_are_not_asked_for_where_they_are_left_out(monkeypatch, first):
     """Neither before moving scenes are fitted nor where theirs are compared."""
     settings, leaves = Settings(left_out=(LeftOut.ERRORS_OVER_TIME,)), {FIRST: 0.03, MOVES: 0.02}
-    raced, _ = run(monkeypatch, first, leaves, settings=settings, left=LOUD, further=0.01, followed=None)
+    raced, _ = run(monkeypatch, first, leaves, settings=settings, left=LOUD, followed=None)
     assert raced.motion.chosen == MOVES
 
 
@@ -245,12 +244,6 @@ def test_views_that_surely_raise_the_residual_of_the_mean_do_not_count(monkeypat
     (ranked,) = course_findings(raced.course, {})
     assert ranked.code == Code.ATTEMPTS_RANKED
     assert "second look 0.0200, tracks 0.0220" in ranked.sentence
-
-
-def test_the_report_says_how_many_views_joined(first):
-    assert joined_findings(first.geometry) == ()
-    (said,) = joined_findings(replace(first.geometry, joined=3))
-    assert said.figures == {"joined": 3, "views": 4}
 
 
 def test_the_course_tells_when_each_entered_and_what_it_left(monkeypatch, first):

@@ -125,7 +125,7 @@ def test_a_prior_draws_pseudo_views_towards_its_targets(coarse):
     """Targets that are darker than the scene darken the pseudo-views; a weight a hundred times the paper's shows it."""
     _, fit, renderer = coarse
     heavy = replace(QUICK, pseudo_weight=5.0, hold_out=replace(QUICK.hold_out, patience=1000))
-    pseudo = make_pseudo(fit, renderer, Prior(), None, 1)
+    pseudo = make_pseudo(fit, renderer, Prior(), 1)
     lenient = Lenient(coarse[0].shot, coarse[0].pixels)
     after = run(coarse, Prior(lambda images: 0.5 * images), heavy, holdout=lenient)
     with torch.no_grad():
@@ -287,11 +287,10 @@ def test_the_score_is_told_at_each_look(coarse):
 def test_a_prior_is_asked_about_views_between_and_beyond_the_cameras(coarse):
     _, fit, renderer = coarse
     prior = Prior()
-    pseudo = make_pseudo(fit, renderer, prior, np.full_like(fit.views, 0.25), 1)
+    pseudo = make_pseudo(fit, renderer, prior, 1)
     (question,) = prior.asked
     assert question.pseudo.images.shape == (5, 32, 40, 3)
     assert question.recovered.images.shape == (4, 32, 40, 3)
-    np.testing.assert_allclose(question.details, 0.25, atol=1e-6)
     assert pseudo.alphas.shape == (5, 32, 40)
     np.testing.assert_allclose(question.recovered.images, fit.views, atol=1e-5)
     assert question.pseudo.depths.shape == (5, 32, 40)
@@ -335,8 +334,7 @@ def test_settings_out_of_range_are_refused(part):
 
 
 def test_models_are_loaded_before_anything_is_done():
-    assert FineSettings(prior="none").load(LossWeights(), 0).prior is None
-    assert FineSettings().load(LossWeights(), 0).prior.name == "consistent"
+    assert FineSettings().load(LossWeights(), 0).prior is None
     with pytest.raises(InputError, match="prior 'dream'"):
         FineSettings(prior="dream").load(LossWeights(), 0)
     with pytest.raises(InputError, match="perceptual distance 'eye'"):

@@ -9,7 +9,6 @@ import pytest
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.evaluate.cameras import nerfstudio_transforms
-from gs2ci.reconstruct import observe
 from gs2ci.reconstruct.hypotheses import race
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.budget import Budget
@@ -75,17 +74,6 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
     assert again.geometry.path_error_expected == found_soon.result.geometry.path_error_expected
 
 
-@pytest.mark.parametrize("joins", [True, False])
-def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypatch, joins):
-    def again(first, *_):
-        return replace(first, geometry=replace(first.geometry, source="wide")) if joins else None
-
-    monkeypatch.setattr(observe, "joins_in_part", lambda _: True)
-    monkeypatch.setattr(observe, "look_far_apart", again)
-    settings = replace(FIRST, look_again=True)
-    assert reconstruct(shot, settings).result.geometry.method == ("wide" if joins else "tracks")
-
-
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
     monkeypatch.setattr(race, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
@@ -113,8 +101,8 @@ def test_a_camera_at_rest_gets_no_path_and_one_picture_for_all_views(monkeypatch
         raise AssertionError("a path was sought in the views of the fit")
 
     monkeypatch.setattr(race, "second_look", second_look)
-    result = reconstruct(shot, replace(SHORT, poses="auto", look_again=True)).result
+    result = reconstruct(shot, replace(SHORT, poses="rest", look_again=True)).result
     assert (result.geometry.method, result.geometry.verdict) == ("rest", "static")
-    assert Code.CAMERA_AT_REST in [note.code for note in result.notes]
+    assert Code.CAMERA_GIVEN_AT_REST in [note.code for note in result.notes]
     assert np.array_equal(result.world_to_camera, np.tile(np.eye(4), (VIEWS, 1, 1)))
     assert np.array_equal(result.scene_views[0], result.scene_views[-1])

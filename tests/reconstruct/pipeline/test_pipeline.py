@@ -344,7 +344,7 @@ def test_the_fine_stage_follows_the_coarse_one_when_it_is_asked_for(shot, found_
     assert with_fine.seconds["fine"] > 0
     assert sum(v for k, v in with_fine.seconds.items() if k != "total") == pytest.approx(with_fine.seconds["total"])
     assert any(note.sentence.startswith("The fine stage") for note in with_fine.notes)
-    assert with_fine.settings["fine"]["prior"] == "consistent"
+    assert with_fine.settings["fine"]["prior"] == "none"
     # The stage is judged before patches, which polish the delivered views and leave both alike.
     note = next(note for note in with_fine.notes if note.code is Code.FINE_HELPED)
     assert note.figures["after"] < note.figures["before"]

@@ -60,17 +60,24 @@ def test_untextured_views_tell_nothing_but_what_was_known(seen):
     assert np.allclose(errors[0, 3:], 0.1)
 
 
+def cells_of(seen):
+    """The cells of all pixels, [N, H, W], and their number."""
+    cells, number = module._cells(seen, 3, np.arange(seen.depth[0].size))
+    return cells.reshape(seen.depth.shape), number
+
+
 def test_every_pixel_with_a_depth_belongs_to_a_cell(seen):
     depth = seen.depth.copy()
     depth[:, :4] = 0
-    cells, number = module._cells(replace(seen, depth=depth), 3)
+    cells, number = cells_of(replace(seen, depth=depth))
     assert np.array_equal(cells >= 0, depth > 0)
-    assert cells.max() == number - 1
+    assert np.array_equal(np.unique(cells), np.arange(-1, number))
 
 
 def test_the_same_surface_is_one_cell_in_all_views(seen):
     wall = replace(seen, depth=np.full_like(seen.depth, 2.0))
-    cells, _ = module._cells(wall, 3)
+    cells, number = cells_of(wall)
+    assert np.array_equal(np.unique(cells), np.arange(number))
     # The picture moves by 0.7 px from view to view: that is 3.5 px from the first to the last.
     assert np.mean(cells[0, :, 4:] == cells[3, :, 2:-2]) > 0.6
 

@@ -47,3 +47,41 @@ def test_views_whose_gradient_is_wanted_are_rendered_together(case, monkeypatch)
     (images.sum() + alphas.sum()).backward()
     assert scene.colours.grad is not None
     assert scene.colours.grad.abs().sum() > 0
+
+
+def left_by_an_iteration(case, backend):
+    scene = case.scene.map(torch.clone)
+    _, pull = backend.coded_with_pull(scene, case.poses, case.intrinsics, backend.code(case.masks))
+    pull(torch.ones(*case.size, 3).numpy())
+    (workspace,) = backend._pool._idle
+    return workspace
+
+
+@pytest.mark.parametrize("kind", ["views", "depths", "coded sum"])
+def test_what_an_iteration_left_is_freed_by_large_renderings_without_a_gradient(case, monkeypatch, kind):
+    backend = CpuBackend()
+    left = left_by_an_iteration(case, backend)
+
+    def render():
+        given = (case.scene, case.poses, case.intrinsics)
+        with torch.no_grad():
+            if kind == "coded sum":
+                backend.coded(*given, backend.code(case.masks))
+            else:
+                getattr(backend, kind)(*given, case.size)
+
+    render()
+    assert left in backend._pool._idle
+    monkeypatch.setattr(module, "MOST_PIXELS_AT_ONCE", case.size[0] * case.size[1])
+    render()
+    assert left not in backend._pool._idle
+
+
+def test_a_large_coded_sum_whose_gradient_is_wanted_frees_nothing(case, monkeypatch):
+    backend = CpuBackend()
+    left_by_an_iteration(case, backend)
+    monkeypatch.setattr(module, "MOST_PIXELS_AT_ONCE", 1)
+    scene = case.scene.map(lambda tensor: tensor.clone().requires_grad_())
+    image = backend.coded(scene, case.poses, case.intrinsics, backend.code(case.masks))
+    image.sum().backward()
+    assert backend.idle_workspaces == 1

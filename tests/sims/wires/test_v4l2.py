@@ -276,7 +276,19 @@ def test_rows_end_in_padding_that_shows_when_the_stride_is_ignored(code: str) ->
     assert not rows[:, :-5].any()
 
 
-@pytest.mark.parametrize("model", [{"formats": ()}, {"formats": ("MJPG",)}, {"height": 63}, {"width": 98}])
-def test_a_camera_that_cannot_be_is_refused(model: dict[str, object]) -> None:
-    with pytest.raises(InputError, match="camera of"):
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        ({"formats": ()}, "of format none; allowed: four characters: GREY"),
+        ({"formats": ("Y12 ", "MJPG")}, r"of format 'MJPG'; .*change `format` in \[sensor\]"),
+        ({"height": 63}, "of 63 rows and .*an even number of rows and a multiple of 4 columns, 4 or more"),
+        ({"width": 98}, "and 98 columns"),
+        (
+            {"height": 2, "width": 4},
+            r"of 2 rows and 4 columns.*change `height` and `width` in \[sensor\] and \[world\]",
+        ),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(model: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         CameraModel(**model)  # type: ignore[arg-type]

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.decode.patches.device_groups import MOST_PATCHES, denoise_groups_on_device
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
-from gs2ci.reconstruct.decode.patches.matching import SIDE, Lattice, find_groups
+from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups
 from gs2ci.render.places import working_device
 
 # Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which motion is found and
@@ -66,12 +67,10 @@ class SimilarPatches:
 
 def _denoise(planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32) -> F32:
     """Denoise planes, [C, N, H, W], by the same groups, where such work is to be done (`places`)."""
-    device = working_device()
-    if device is not None and patch == (SIDE, SIDE):
-        from gs2ci.reconstruct.decode.patches.device_groups import denoise_groups_on_device  # noqa: PLC0415  an extra
-
-        return denoise_groups_on_device(planes, corners, sigma, fallback, device)
-    return denoise_groups(planes, corners, patch, sigma, fallback)
+    device, members = working_device(), corners.shape[1]
+    if device is None or members > MOST_PATCHES or members >= patch[0] * patch[1]:
+        return denoise_groups(planes, corners, patch, sigma, fallback)
+    return denoise_groups_on_device(planes, corners, patch, sigma, fallback, device)
 
 
 def _within_noise(before: F32, views: F32, sigma: float) -> F32:

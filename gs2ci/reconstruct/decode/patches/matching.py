@@ -19,8 +19,6 @@ from gs2ci.reconstruct.decode.patches.eigen import REORDERED
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.render.simd.vector import LANES, any_ge, broadcast, fused, get, load, store, where_ge
 
-SIDE: Final = 6
-"""Usual side of a patch, px: that of which a device denoises groups."""
 _Corners = NDArray[np.int32]
 _FARTHEST: Final = np.float32(np.finfo(np.float32).max)
 # Reference views of each phase, by their number modulo the number of phases: far ones first.
@@ -42,7 +40,7 @@ class Lattice(Bounded):
             all but the first are displaced by half a step.
     """
 
-    patch_px: int = SIDE
+    patch_px: int = 6
     step_px: PositiveInt = 4
     reach_px: NonNegativeInt = 7
     per_group: PositiveInt = 64

@@ -207,7 +207,7 @@ class FitState:
                 one.surfaces = found
                 numbers = tuple(before + view for view in found.views)
                 shown = {before + view: seen for view, seen in shown.items()} if outwards is not None else {}
-                sources.append(MarginSource(numbers, shown, found.inverse_depth))
+                sources.append(MarginSource(numbers, shown, found.inverse_depth.cpu().numpy()))
             before += len(one.path())
         if sources and outwards is not None:
             path = np.concatenate([one.path() for one in self.exposures])

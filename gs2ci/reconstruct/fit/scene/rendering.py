@@ -106,7 +106,11 @@ class ShotRenderer:
 
     def measurement(self, scene: Gaussians, world_to_camera: Tensor, reuse: Reuse | None = None) -> Tensor:
         """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]."""
-        return torch.as_tensor(self.measurement_with_pull(scene, world_to_camera, reuse)[0])
+        moments, times, _ = self._moments(world_to_camera.detach())
+        with torch.no_grad():
+            there = moments.to(scene.means.device)
+            image = self._backend.coded(scene, there, self.intrinsics, self._mask_set, None, reuse, times)
+        return torch.as_tensor(self._to_channels(as_image(image.float())))
 
     def measurement_with_pull(
         self,

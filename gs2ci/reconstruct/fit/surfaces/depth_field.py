@@ -14,11 +14,10 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from torch import Tensor
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import relative_to
 from gs2ci.core.config import Positive
@@ -80,8 +79,8 @@ class FieldStep:
         moved = (scene.means.detach(), scene.log_scales.detach())
         call(move_gaussians, *moved, self.pose, NEAR, self.low, self.between, self.values)
 
-    def of_map(self, inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, world_to_camera: F64) -> None:
-        """Move the given pixels of a view's map, [H, W], in place.
+    def of_map(self, inverse_depth: Tensor, pixels: Tensor, rays: Tensor, world_to_camera: F64) -> None:
+        """Move the given pixels of a view's map, [H, W], in place, where it lies.
 
         Args:
             inverse_depth: [H, W].
@@ -91,7 +90,7 @@ class FieldStep:
         """
         to_reference = self.pose @ np.linalg.inv(world_to_camera)
         grid = (self.low, self.between, self.values)
-        move_map(inverse_depth.reshape(-1), pixels, rays.reshape(-1, 2), to_reference, *grid)
+        call(move_map, inverse_depth.view(-1), pixels, rays.view(-1, 2), to_reference, *grid)
 
 
 class DepthField:

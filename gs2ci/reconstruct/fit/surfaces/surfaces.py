@@ -16,7 +16,6 @@ from typing import Annotated, Self
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from torch import Tensor
 
@@ -36,7 +35,7 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, SweptViews
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import as_image, pull_back
 from gs2ci.render.conventions import NEAR
@@ -116,7 +115,7 @@ class Surfaces:
         settings: Of the term.
         search: The search that found them.
         views: Which views were swept and agree with others somewhere, [K].
-        inverse_depth: Of the surfaces seen in them, [K, H, W] float32.
+        inverse_depth: Of the surfaces seen in them, [K, H, W] float32, where the scene is fitted, as the rest.
         trust: Its weight, [K, H, W] float32 in [0, 1].
         parallax_px: The parallax along the whole path at an inverse depth of 1, px.
         rays: Of the pixels, at z = 1 in camera coordinates, [H, W, 2] float32.
@@ -126,23 +125,30 @@ class Surfaces:
     settings: SurfaceSettings
     search: Search
     views: tuple[int, ...]
-    inverse_depth: F32
-    trust: F32
+    inverse_depth: Tensor
+    trust: Tensor
     parallax_px: float
-    rays: F32
+    rays: Tensor
     pixels: tuple["Pixels", ...]
 
     def without_masks(self) -> "Surfaces":
-        """Return the same, without what `with_masks` prepares again."""
-        return replace(self, pixels=tuple(replace(one, mask_set=None) for one in self.pixels))
+        """Return the same on the host, without what `with_masks` prepares again."""
+        pixels = tuple(replace(one, mask_set=None, at=one.at.cpu()) for one in self.pixels)
+        return replace(self._on(torch.device("cpu")), pixels=pixels)
 
     def with_masks(self, renderer: ShotRenderer) -> "Surfaces":
-        """Return the same, its pixels prepared for a renderer."""
-        return replace(self, pixels=tuple(_pixels(renderer, one.at, one.middle) for one in self.pixels))
+        """Return the same, prepared for a renderer."""
+        pixels = tuple(_pixels(renderer, one.at, one.middle) for one in self.pixels)
+        return replace(self._on(renderer.device), pixels=pixels)
+
+    def _on(self, device: torch.device) -> "Surfaces":
+        maps = (self.inverse_depth, self.trust, self.rays)
+        inverse_depth, trust, rays = (one.to(device) for one in maps)
+        return replace(self, inverse_depth=inverse_depth, trust=trust, rays=rays)
 
     def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":
         """Return the surfaces after a field was added to depths where the term looks, from poses, [N, 4, 4]."""
-        inverse_depth, poses = self.inverse_depth.copy(), world_to_camera.detach().double().numpy()
+        inverse_depth, poses = self.inverse_depth.clone(), world_to_camera.detach().double().numpy()
         for found, pixels, view in zip(inverse_depth, self.pixels, self.views, strict=True):
             step.of_map(found, pixels.at, self.rays, poses[view])
         return replace(self, inverse_depth=inverse_depth)
@@ -189,12 +195,11 @@ class Surfaces:
         image, pull = renderer.coded_with_pull(shown, pose[None], pixels.mask_set)
         shown_there = torch.as_tensor(image)
         gradient = torch.zeros_like(shown_there)
-        maps = (torch.from_numpy(one[k].reshape(-1)).to(means.device) for one in (self.inverse_depth, self.trust))
         distance: float | Tensor = call(
             distance_to_surface,
             shown_there.reshape(-1, 3),
-            torch.from_numpy(pixels.at).to(means.device),
-            *maps,
+            pixels.at,
+            *(one[k].view(-1) for one in (self.inverse_depth, self.trust)),
             self.parallax_px,
             middle,
             _ROUND_PX,
@@ -218,19 +223,19 @@ class Pixels:
 
     Args:
         mask_set: As the renderer prepared it; None where it is kept on a disk.
-        at: Flat indices, [P].
+        at: Flat indices, [P] int64, where the scene is fitted.
         middle: The median inverse depth of the surfaces there, when they were found.
     """
 
     mask_set: MaskSet | None
-    at: NDArray[np.int64]
+    at: Tensor
     middle: float
 
 
-def _pixels(renderer: ShotRenderer, at: NDArray[np.int64], middle: float) -> Pixels:
+def _pixels(renderer: ShotRenderer, at: Tensor, middle: float) -> Pixels:
     mask = torch.zeros(1, *renderer.size)
-    mask.view(-1)[torch.from_numpy(at)] = 1
-    return Pixels(renderer.code(mask), at, middle)
+    mask.view(-1)[at] = 1
+    return Pixels(renderer.code(mask), at.to(renderer.device), middle)
 
 
 def find_surfaces(
@@ -264,35 +269,35 @@ def find_surfaces(
         return None
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen, beside = _spread(count, settings.views), _spread(count, settings.others + 1)
-    straight = {view: _straightened(views[view], lens) for view in {*chosen, *beside}}
-    maps = []
+    used = sorted({*chosen, *beside})
+    swept, maps = SweptViews(np.stack([_straightened(views[view], lens) for view in used]), settings.sweep), []
     for view in chosen:
         order = [view, *[i for i in beside if i != view][: settings.others]]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        compared = np.stack([straight[i] for i in order])
-        maps.append(sweep(compared, from_view, intrinsics, 0, span, settings.sweep))
+        maps.append(swept.depth([used.index(i) for i in order], from_view, intrinsics, span))
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
-    inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))
+    inverse_depth, trust = (_on_sensor(one, lens) for one in (np.stack(maps), trust))
     draw = np.random.default_rng(np.random.SeedSequence([seed, 0x5F]))
     taken = (draw.random(trust.shape) < settings.pixel_share) & (trust > 0)
     agreed = np.array([pixels.any() for pixels in taken])
     if not agreed.any():
         return None
     pixels = tuple(
-        _pixels(renderer, np.flatnonzero(mask), float(np.median(depth[mask])))
+        _pixels(renderer, torch.from_numpy(np.flatnonzero(mask)), float(np.median(depth[mask])))
         for mask, depth in zip(taken[agreed], inverse_depth[agreed], strict=True)
     )
-    return Surfaces(
+    found = Surfaces(
         settings,
         search or settings.searches[0],
         tuple(view for view, agrees in zip(chosen, agreed.tolist(), strict=True) if agrees),
-        inverse_depth[agreed],
-        trust[agreed],
+        torch.from_numpy(inverse_depth[agreed]),
+        torch.from_numpy(trust[agreed]),
         parallax_px,
-        pixel_rays(renderer),
+        torch.from_numpy(pixel_rays(renderer)),
         pixels,
     )
+    return found._on(renderer.device)
 
 
 def _span(depth: F32) -> tuple[float, float] | None:

@@ -17,19 +17,18 @@ AT_ONCE: Final = 16_000_000
 """Numbers that are looked up at once: 64 MB in each of some eight tensors."""
 
 
-def best_planes_on_device(features: F32, homographies: F64, best: int, window: int, device: torch.device) -> F32:
+def best_planes_on_device(features: Tensor, homographies: F64, best: int, window: int) -> F32:
     """Find the plane of each pixel of the first view, with its fraction, [H, W]; one image is read back.
 
     Args:
-        features: Of the reference view and the others, [1 + V, H, W, 8].
+        features: Of the reference view and the others, on the device, [1 + V, H, W, 8].
         homographies: As for `kernels.matching_cost`, [D, V, 3, 3].
         best: As there.
         window: As there.
-        device: Where to compute.
     """
-    there, through = torch.from_numpy(features).to(device), torch.from_numpy(homographies).to(device)
-    some = max(1, AT_ONCE // there[1:].numel())
-    costs = [_matching_cost(there[0], there[1:], planes, best, window) for planes in torch.split(through, some)]
+    through = torch.from_numpy(homographies).to(features.device)
+    some = max(1, AT_ONCE // features[1:].numel())
+    costs = [_matching_cost(features[0], features[1:], planes, best, window) for planes in torch.split(through, some)]
     index: F32 = best_plane(_paths(torch.cat(costs).permute(1, 2, 0).contiguous())).cpu().numpy()
     return index
 

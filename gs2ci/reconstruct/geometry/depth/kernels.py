@@ -5,12 +5,14 @@ any number of threads. The readable statement of the same steps, in numpy float6
 (`tests/reconstruct/geometry/depth/test_sweep.py`), which hold these kernels to it.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64, I32
-from gs2ci.core.kernels import EXACT, f32_1, f32_3, f64_4, helper, i64, in_parts, kernel
+from gs2ci.core.kernels import EXACT, f32_1, f32_3, f64_4, helper, i64, i64_1, in_parts, kernel
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES, differ
 
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
@@ -136,7 +138,7 @@ def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, 
 
 
 @helper(fastmath=EXACT)
-def _cost_of_strip(reference, views, homographies, best, top, bottom, ring, out):
+def _cost_of_strip(reference, views, order, homographies, best, top, bottom, ring, out):
     """Fill out[top:bottom, :] (any strides) with the cost of a plane, [V, 3, 3]; ring, [V, window, W], is scratch."""
     height, width = reference.shape[:2]
     count, window = ring.shape[:2]
@@ -148,14 +150,14 @@ def _cost_of_strip(reference, views, homographies, best, top, bottom, ring, out)
         if r < min(bottom + reach, height):
             for i in range(count):
                 _aim_row(homographies[i], r, (height, width), corner, aim)
-                _difference_row(reference[r], views[i], corner, aim, row_costs)
+                _difference_row(reference[r], views[order[i]], corner, aim, row_costs)
                 _box_row(row_costs, reach, ring[i, r % window])
         if r - reach >= top:
             _cost_of_row(ring, r - reach, height, best, per_view, total, out[r - reach])
 
 
-@kernel(i64, i64, f32_3, f32_3, f64_4, i64, i64, f32_3, fastmath=EXACT)
-def _cost(from_strip, to_strip, reference, views, homographies, best, window, cost):
+@kernel(i64, i64, f32_3, f32_3, i64_1, f64_4, i64, i64, f32_3, fastmath=EXACT)
+def _cost(from_strip, to_strip, reference, views, order, homographies, best, window, cost):
     """Fill strips of rows of the cost, [H, W, D], of D planes."""
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]
@@ -163,16 +165,16 @@ def _cost(from_strip, to_strip, reference, views, homographies, best, window, co
         top, bottom = strip * _STRIP, min((strip + 1) * _STRIP, height)
         ring = np.empty((count, window, width), np.float32)
         for d in range(planes):
-            _cost_of_strip(reference, views, homographies[d], best, top, bottom, ring, cost[:, :, d])
+            _cost_of_strip(reference, views, order, homographies[d], best, top, bottom, ring, cost[:, :, d])
 
 
-def matching_cost(reference: F32, views: F32, homographies: F64, best: int, window: int) -> F32:
-    """Compare every pixel of the reference view with the others, on every plane.
+def matching_cost(views: F32, order: Sequence[int], homographies: F64, best: int, window: int) -> F32:
+    """Compare every pixel of a reference view with others, on every plane.
 
     Args:
-        reference: Features of the reference view, [H, W, 8]; H, W >= 2.
-        views: Features of the other views, [V, H, W, 8].
-        homographies: From array coordinates of the reference view to those of each view, for each plane,
+        views: Features of views, [N, H, W, 8]; H, W >= 2.
+        order: Which of them is the reference view, and which V are compared with it.
+        homographies: From array coordinates of the reference view to those of each of these, for each plane,
             [D, V, 3, 3].
         best: So many views with the smallest cost count; the others may be occluded.
         window: Side of the window, odd, px.
@@ -180,11 +182,10 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
     Returns:
         Mean truncated absolute difference in the window, [H, W, D].
     """
-    height, width = reference.shape[:2]
-    planes, count = homographies.shape[:2]
-    cost = np.empty((height, width, planes), np.float32)
-    flat = views.reshape(count, height * width, FEATURES)
-    in_parts(_cost, -(-height // _STRIP), reference, flat, homographies, best, window, cost)
+    height, width = views.shape[1:3]
+    cost = np.empty((height, width, len(homographies)), np.float32)
+    flat, others = views.reshape(len(views), height * width, FEATURES), np.array(order[1:], np.int64)
+    in_parts(_cost, -(-height // _STRIP), views[order[0]], flat, others, homographies, best, window, cost)
     return cost
 
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import torch
 from pydantic import AfterValidator, Field
+from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
@@ -21,7 +22,7 @@ from gs2ci.reconstruct.geometry.depth.eight import FEATURES
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
 from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 from gs2ci.reconstruct.geometry.tracks.tracks import RESIDUE_BLUR_PX
-from gs2ci.render.places import working_device
+from gs2ci.render.places import on_device, work_place
 
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
@@ -80,30 +81,66 @@ def sweep(
     Returns:
         Inverse depth, [H, W] float32, within `span`.
     """
-    height, width = views.shape[1:3]
-    # Penalties are in full scales.
-    small = brightened(_reduced(views, settings.most_pixels))
-    scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
-    others = [i for i in range(len(views)) if i != reference]
-    features = _features_of([small[i] for i in (reference, *others)], settings.blur_px)
-    inverse_depths = np.linspace(*span, settings.planes)
-    homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
-    # A place is assumed to be seen in two thirds of the other views.
-    best = max(min(_LEAST_VIEWS_KEPT, len(others)), len(others) * 2 // 3)
-    index = _best_planes(features, homographies, best, settings.window_px)
-    step = (span[1] - span[0]) / (settings.planes - 1)
-    inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
-    if small.shape != views.shape:
-        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
-    return inverse_depth
+    order = first_of(len(views), reference)
+    return SweptViews(views, settings).depth(order, world_to_camera[order], intrinsics, span)
 
 
-def _best_planes(features: F32, homographies: F64, best: int, window: int) -> F32:
-    """Compare the views, [N, H, W, 8], on planes, [D, N - 1, 3, 3]; return the best plane with its fraction, [H, W]."""
-    device = working_device()
-    if device is not None:
-        return best_planes_on_device(features, homographies, best, window, device)
-    cost = matching_cost(features[0], features[1:], homographies, best, window)
+def first_of(count: int, reference: int) -> list[int]:
+    """Return the numbers of so many views, the reference view's first."""
+    return [reference, *(i for i in range(count) if i != reference)]
+
+
+class SweptViews:
+    """Views, described once for several sweeps, on the device where these are made.
+
+    Args:
+        views: [N, H, W, C] float32 in [0, 1], N >= 2.
+        settings: How finely to sweep.
+    """
+
+    def __init__(self, views: F32, settings: SweepSettings) -> None:
+        self._settings, self._size = settings, views.shape[1:3]
+        # Penalties are in full scales.
+        features = _features_of(brightened(_reduced(views, settings.most_pixels)), settings.blur_px)
+        self._features = torch.from_numpy(features).to(work_place())
+
+    def depth(self, order: Sequence[int], world_to_camera: F64, intrinsics: F64, span: tuple[float, float]) -> F32:
+        """Estimate the inverse depth at which some of the views agree, for every pixel of the first of them.
+
+        Args:
+            order: Indices of at least two views.
+            world_to_camera: Their poses, [M, 4, 4]; the identity for the first.
+            intrinsics: As for `sweep`.
+            span: As for `sweep`.
+
+        Returns:
+            As `sweep`.
+        """
+        settings, (height, width) = self._settings, self._size
+        down, across = self._features.shape[1:3]
+        scale = np.array([across / width, down / height, 1.0])
+        inverse_depths = np.linspace(*span, settings.planes)
+        homographies = plane_homographies(world_to_camera[1:], scale[:, None] * intrinsics, inverse_depths)
+        # A place is assumed to be seen in two thirds of the other views.
+        others = len(order) - 1
+        best = max(min(_LEAST_VIEWS_KEPT, others), others * 2 // 3)
+        index = _best_planes(self._features, order, homographies, best, settings.window_px)
+        step = (span[1] - span[0]) / (settings.planes - 1)
+        inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
+        if (down, across) != self._size:
+            inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
+        return inverse_depth
+
+
+def _best_planes(features: Tensor, order: Sequence[int], homographies: F64, best: int, window: int) -> F32:
+    """Compare some of the views, [N, H, W, 8], with the first of them on planes, [D, M - 1, 3, 3].
+
+    Returns:
+        The best plane with its fraction, [H, W].
+    """
+    if on_device(features):
+        return best_planes_on_device(features[list(order)], homographies, best, window)
+    cost = matching_cost(features.numpy(), order, homographies, best, window)
     return best_plane(torch.from_numpy(smoothed(cost))).numpy()
 
 
@@ -118,22 +155,24 @@ def _reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def _features_of(views: Sequence[F32], blur_px: float) -> F32:
+def _features_of(views: F32, blur_px: float) -> F32:
     """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [N, H, W, 8].
 
     Args:
-        views: N of them, [H, W, C] in full scales.
+        views: [N, H, W, C] in full scales.
         blur_px: Standard deviation of a blur before that.
     """
-    height, width, channels = views[0].shape
-    features = np.zeros((len(views), height, width, FEATURES), np.float32)
+    channels = views.shape[3]
+    features = np.empty((*views.shape[:3], FEATURES), np.float32)
+    nothing = [np.zeros(views.shape[1:3], np.float32)] * (FEATURES - channels - 2)
     for view, described in zip(views, features, strict=True):
         blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
         grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
         # A Sobel operator of size 3 returns eight times the derivative of a ramp.
-        gradient = np.stack([cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1))], axis=-1)
-        described[..., :channels] = np.float32(3 / channels) * blurred
-        described[..., channels : channels + 2] = np.float32(_GRADIENT_WEIGHT / 8) * gradient
+        gradient = [
+            np.float32(_GRADIENT_WEIGHT / 8) * cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1))
+        ]
+        cv2.merge([*cv2.split(np.float32(3 / channels) * blurred), *gradient, *nothing], dst=described)
     return features
 
 

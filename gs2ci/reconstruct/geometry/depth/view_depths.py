@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_camera, in_world
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, SweptViews, inverse_depth_range
 from gs2ci.reconstruct.geometry.path.motion import rays
 
 # Patches of decoded views can be tracked over about so large a turn.
@@ -80,7 +80,7 @@ def view_depths(
         The depths, the reference view's first; without those of views that see no point in front of them.
     """
     turns = _turns(world_to_camera)
-    found = []
+    swept, found = SweptViews(views, settings), []
     for view in _spread(turns, reference):
         depths = points @ world_to_camera[view, 2, :3] + world_to_camera[view, 2, 3]
         if not (depths > 0).any():
@@ -89,7 +89,7 @@ def view_depths(
         order = np.argsort(turns[view], kind="stable")
         order = np.concatenate([[view], order[order != view][:_NEIGHBOURS]])
         poses = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        found.append(ViewDepth(view, sweep(views[order], poses, intrinsics, 0, span, settings)))
+        found.append(ViewDepth(view, swept.depth(order.tolist(), poses, intrinsics, span)))
     return tuple(found)
 
 

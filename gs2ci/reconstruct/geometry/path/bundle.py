@@ -5,6 +5,7 @@ Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: 
 """
 
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
 import numpy as np
@@ -100,8 +101,9 @@ def _model(start: CameraMotion, tracks: Tracks, intrinsics: F64, ratio: float, c
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
     directions = rays(positions[:, tracks.reference], intrinsics)
     index = np.cumsum(seen, axis=0) - 1
+    sightings = zip((np.nonzero(seen)[1] + 1).tolist(), index[seen].tolist(), strict=True)
     grey = np.zeros(3, np.uint8)
-    for j, point in enumerate(directions / start.inverse_depth[chosen, None]):
-        elements = [pycolmap.TrackElement(int(i) + 1, int(index[j, i])) for i in np.flatnonzero(seen[j])]
+    for point, times in zip(directions / start.inverse_depth[chosen, None], seen.sum(axis=1).tolist(), strict=True):
+        elements = [pycolmap.TrackElement(*sighting) for sighting in islice(sightings, times)]
         model.add_point3D(point, pycolmap.Track(elements), grey)
     return model

@@ -92,9 +92,7 @@ class MappedScene:
     path_errors: PathErrors | None
 
 
-def grown_scene(
-    places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]
-) -> tuple[MappedScene | None, int]:
+def grown_scene(places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]) -> MappedScene | None:
     """Grow scenes from the strongest pairs, and return the one that explains most matches.
 
     Args:
@@ -104,7 +102,7 @@ def grown_scene(
         size: Height and width of the views, px.
 
     Returns:
-        The scene, None if no scene was joined by every view; and the largest number of views that joined one.
+        The scene; None if no scene was joined by every view.
     """
     with TemporaryDirectory() as folder, quietly():
         database = Path(folder) / "features.db"
@@ -112,9 +110,8 @@ def grown_scene(
         strongest = sorted(confirmed, key=lambda pair: -confirmed[pair])[:_MOST_STARTS]
         starts = [(ids[i], ids[j]) for i, j in strongest if confirmed[i, j] >= LEAST_MATCHES]
         models = [model for model in in_threads(lambda start: _grown(database, *start), starts) if model is not None]
-        joined = max((model.num_reg_images() for model in models), default=0)
         whole = sorted((model for model in models if model.num_reg_images() == len(places)), key=_sightings)
-        return (_scene(whole.pop(), whole, len(places)) if whole else None), joined
+        return _scene(whole.pop(), whole, len(places)) if whole else None
 
 
 def _write(

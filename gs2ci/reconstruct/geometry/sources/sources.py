@@ -71,16 +71,10 @@ def from_displacements(request: Request, progress: Progress) -> Geometry:
     return found
 
 
-def from_rest(request: Request, progress: Progress, note: Finding | None = None) -> Geometry:
-    """Return a camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth.
-
-    Args:
-        request: Its views.
-        progress: Receives the note.
-        note: Why the camera is taken to be at rest; None: the user says so.
-    """
+def from_rest(request: Request, progress: Progress) -> Geometry:
+    """Return a camera at rest, as the user says: no path, and no depth."""
     progress.stage("geometry", 1)
-    note = note or finding(Code.CAMERA_GIVEN_AT_REST)
+    note = finding(Code.CAMERA_GIVEN_AT_REST)
     found = before_camera_at_rest(len(request.views), request.size, request.intrinsics, request.settings.focal, note)
     progress.step(1)
     progress.say(note.sentence)

@@ -49,13 +49,11 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
 
     Returns:
         A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene, if too few
-        points confirm it, or if it turns far and the depths of the views along it do not agree. It says how many
-        views joined, if any did.
+        points confirm it, or if it turns far and the depths of the views along it do not agree.
     """
-    scene, joined = _grown(request.views, found.intrinsics, tilted=tilted)
-    still = at_rest(found)
+    scene, still = _grown(request.views, found.intrinsics, tilted=tilted), at_rest(found)
     if scene is None:
-        return replace(still, joined=joined)
+        return still
     relative, ahead, unit = ahead_of(scene.world_to_camera, scene.points, found.reference)
     if len(ahead) < request.settings.criteria.tracks or 2 * len(ahead) < len(scene.points):
         return still
@@ -110,8 +108,8 @@ def _of_camera(found: Geometry) -> tuple[Any, ...]:
     return tuple(note for note in found.notes if note.code.name.startswith("FOCAL"))
 
 
-def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[MappedScene | None, int]:
-    """Build one scene from all pairs, None unless every view joins it; and return how many views joined."""
+def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> MappedScene | None:
+    """Build one scene from all pairs; None unless every view joins it."""
     at_once = max(1, _FEATURES_BYTES // (_BYTES_PER_PX * views.shape[1] * views.shape[2]))
     with one_opencv_thread() if at_once > 1 else nullcontext():
         features = in_threads(

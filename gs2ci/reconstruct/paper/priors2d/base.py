@@ -36,14 +36,12 @@ class Question:
     Args:
         pseudo: The scene rendered from the synthesised poses.
         recovered: The scene rendered from the recovered cameras.
-        details: Decoded residual of the measurement in the recovered cameras' views, [N, H, W, 3] float32.
         intrinsics: Camera matrix in px, [3, 3].
         distortion: Of the lens of all views, [5] as in `Shot`; None for a pinhole.
     """
 
     pseudo: SeenViews
     recovered: SeenViews
-    details: F32
     intrinsics: F64
     distortion: F64 | None = None
 

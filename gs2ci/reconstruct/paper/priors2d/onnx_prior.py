@@ -25,7 +25,7 @@ class OnnxPrior(OnnxModel):
 
     kind = "a prior on images"
     called = "images [B, 3, H, W] float32 in [-1, 1], then, if at all, a seed: [] or [1] int64"
-    missing = "export one, or take --prior consistent"
+    missing = "export one, or take --prior none"
     makes = "images of the same size"
     scaled = "check that the model was exported for values in [-1, 1], and in float32"
 

@@ -83,6 +83,9 @@ CASES = {
         torch.zeros(6, 5, 4, dtype=torch.float64),
     ),
     depth_field_kernels.move_gaussians: lambda: (*scene(), POSE, NEAR, LOW, STEP, FIELD),
+    depth_field_kernels.move_map: lambda: (
+        *(normal(60) + 0.7, torch.arange(0, 60, 3), 0.4 * normal(60, 2), POSE, LOW, STEP, FIELD),
+    ),
     surface_kernels.parallax_moments: lambda: (scene()[0], RAY, NEAR, 9.0, 2.0, torch.zeros(GAUSSIANS, 3)),
     surface_kernels.add_mean_gradient: lambda: (
         *(scene()[0], RAY, NEAR, 9.0, normal(GAUSSIANS, 3), normal(GAUSSIANS, 3), normal(GAUSSIANS, 3)),

@@ -75,7 +75,7 @@ def test_a_map_of_another_view_moves_with_them():
     inverse_depth = rng.uniform(0.5, 1.5, (7, 9)).astype(np.float32)
     pose = se3.exp(torch.tensor([[0.05, 0.02, 0.0, 0.0, 0.02, 0.0]], dtype=torch.float64))[0].numpy() @ POSE
     before, pixels = inverse_depth.copy(), np.arange(0, 63, 2)
-    field(values).of_map(inverse_depth, pixels, rays, pose)
+    field(values).of_map(*map(torch.from_numpy, (inverse_depth, pixels, rays)), pose)
     points = np.concatenate([rays, np.ones((7, 9, 1))], axis=2).reshape(-1, 3) / before.reshape(-1, 1)
     seen = np.concatenate([points, np.ones((63, 1))], axis=1) @ (POSE @ np.linalg.inv(pose)).T
     wanted = at_places(values, seen[:, :2] / seen[:, 2:3], 1 / seen[:, 2])

@@ -68,7 +68,7 @@ def test_a_wall_is_found_where_it_stands_and_believed(renderer):
     middle = np.s_[:, 8:-8, 12:-12]
     assert found.views == (0, 1, 3, 4)
     assert found.parallax_px == pytest.approx(60 * 0.4)
-    assert np.median(np.abs(DEPTH * found.inverse_depth[middle] - 1)) < 0.02
+    assert np.median(np.abs(DEPTH * found.inverse_depth[middle].numpy() - 1)) < 0.02
     assert found.trust[middle].mean() > 0.9
 
 
@@ -80,7 +80,7 @@ def test_a_view_that_agrees_with_no_other_is_left_out_and_the_others_are_kept(re
     assert found.views == (0, 1, 3)
     assert len(found.inverse_depth) == len(found.trust) == len(found.pixels) == 3
     middle = np.s_[:, 8:-8, 12:-12]
-    assert np.median(np.abs(DEPTH * found.inverse_depth[middle] - 1)) < 0.02
+    assert np.median(np.abs(DEPTH * found.inverse_depth[middle].numpy() - 1)) < 0.02
     assert found.trust[middle].mean() > 0.8
     scene = wall(1.6)
     for turn in range(4):
@@ -135,12 +135,12 @@ def test_surfaces_and_their_gradient_are_the_same_bits_on_any_number_of_threads(
 
 def definition(found, renderer, scene, turn):
     """The term in torch, by one rendering with a graph: differentiable."""
-    view, pixels = found.views[turn], torch.from_numpy(found.pixels[turn].at)
+    view, pixels = found.views[turn], found.pixels[turn].at
     pose = torch.from_numpy(path()[view]).float()
     scene = scene.at(float(renderer.times[view])) if scene.motion is not None else scene
     depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
-    wanted = found.parallax_px * torch.from_numpy(found.inverse_depth[turn]).reshape(-1)[pixels]
-    trust = torch.from_numpy(found.trust[turn]).reshape(-1)[pixels]
+    wanted = found.parallax_px * found.inverse_depth[turn].reshape(-1)[pixels]
+    trust = found.trust[turn].reshape(-1)[pixels]
     middle = float(wanted.median())
     parallax = found.parallax_px / depth - middle
     moments = torch.stack([torch.ones_like(parallax), parallax, parallax.square()], dim=1)
@@ -206,7 +206,7 @@ def test_surfaces_move_with_a_field_over_depth_as_the_scene_does(renderer):
         looked[:] = False
         looked.reshape(-1)[pixels.at] = True
         looked[:, :14] = looked[:, -14:] = False
-        assert np.median(np.abs(inverse_depth / moved[view] - 1)[looked]) < 0.02
+        assert np.median(np.abs(inverse_depth.numpy() / moved[view] - 1)[looked]) < 0.02
     assert moved[2][20, 42] > 1.05 * moved[2][20, 14]
 
 

@@ -44,10 +44,10 @@ def test_planes_are_those_of_the_kernels(window, best, views, forward, at_once, 
     twists[:, 0] = torch.arange(1, views + 1) / FOCAL_PX
     twists[-1, 2] = forward  # near planes then lie behind the last view
     homographies = plane_homographies(exp(twists).numpy(), MATRIX, PLANES)
-    cost = matching_cost(features[0], features[1:], homographies, best, window)
+    cost = matching_cost(features, range(len(features)), homographies, best, window)
     here = best_plane(torch.from_numpy(smoothed(cost))).numpy()
     with reads() as count:
-        there = best_planes_on_device(features, homographies, best, window, torch.device("cpu"))
+        there = best_planes_on_device(torch.from_numpy(features), homographies, best, window)
     assert count.calls == {"cpu": 1, "numpy": 1}
     # Where two planes cost the same, rounding decides.
     assert np.mean(np.abs(there - here) < 1e-2) > 0.98

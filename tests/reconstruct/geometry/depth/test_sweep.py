@@ -11,6 +11,8 @@ from gs2ci.reconstruct.geometry.depth.eight import FEATURES
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, smoothed
 from gs2ci.reconstruct.geometry.depth.sweep import (
     SweepSettings,
+    SweptViews,
+    first_of,
     inverse_depth_range,
     sweep,
 )
@@ -39,6 +41,13 @@ def cost_at(reference, views, targets, best, window):
         difference = np.where(unseen, kernels.UNSEEN_COST, np.minimum(difference, kernels.TRUNCATED_AT))
         windows.append(box_mean(difference, window // 2))
     return np.sort(windows, axis=0)[:best].mean(0)
+
+
+def cost_of(reference, others, homographies, best, window):
+    """The kernel's, of the same features behind one another in another order."""
+    count = len(others)
+    views = np.concatenate([others[::-1], reference[None]])
+    return matching_cost(views, [count, *reversed(range(count))], homographies, best, window)
 
 
 def box_mean(image, reach):
@@ -76,13 +85,13 @@ def random_case(height=21, width=39, views=4, planes=7, seed=0):
 def test_matching_cost_agrees_with_its_reference(height, width, best, window):
     reference, others, homographies = random_case(height, width)
     expected = cost_reference(reference.astype(np.float64), others.astype(np.float64), homographies, best, window)
-    np.testing.assert_allclose(matching_cost(reference, others, homographies, best, window), expected, atol=2e-5)
+    np.testing.assert_allclose(cost_of(reference, others, homographies, best, window), expected, atol=2e-5)
 
 
 def test_planes_behind_a_camera_count_as_unseen():
     reference, others, homographies = random_case()
     homographies[:, :, 2, 2] = -1
-    np.testing.assert_allclose(matching_cost(reference, others, homographies, 2, 7), kernels.UNSEEN_COST, rtol=1e-5)
+    np.testing.assert_allclose(cost_of(reference, others, homographies, 2, 7), kernels.UNSEEN_COST, rtol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(9, 40, 6), (1, 5, 3), (40, 1, 12)])
@@ -113,7 +122,7 @@ def test_threads_do_not_change_a_bit():
     try:
         for threads in (1, min(2, before)):
             numba.set_num_threads(threads)
-            cost = matching_cost(reference, others, homographies, 2, 7)
+            cost = cost_of(reference, others, homographies, 2, 7)
             results.append(best_plane(torch.from_numpy(smoothed(cost))).numpy())
     finally:
         numba.set_num_threads(before)
@@ -222,6 +231,16 @@ def test_two_views_are_enough():
     views = thing_before_a_wall(5)[[REFERENCE, REFERENCE + 1]]
     found = sweep(views, poses(5)[[REFERENCE, REFERENCE + 1]], INTRINSICS, 0, SPAN, SETTINGS)
     assert np.isfinite(found).all()
+
+
+def test_views_described_once_are_swept_as_some_of_them_alone():
+    views, path, order = thing_before_a_wall(5), poses(5), [1, 4, 2]
+    described = SweptViews(views, SETTINGS)
+    from_view = path[order] @ np.linalg.inv(path[order[0]])
+    alone = sweep(views[order], from_view, INTRINSICS, 0, SPAN, SETTINGS)
+    np.testing.assert_array_equal(described.depth(order, from_view, INTRINSICS, SPAN), alone)
+    whole = described.depth(first_of(5, REFERENCE), path[first_of(5, REFERENCE)], INTRINSICS, SPAN)
+    np.testing.assert_array_equal(whole, sweep(views, path, INTRINSICS, REFERENCE, SPAN, SETTINGS))
 
 
 def test_a_dark_scene_has_the_depth_of_a_bright_one():

@@ -47,15 +47,14 @@ def test_a_scene_is_grown_from_matches_of_which_a_third_is_wrong(monkeypatch):
     pairs = all_pairs(5, np.arange(120))
     for matches in pairs.values():
         matches[:40, 1] = rng.permutation(matches[:40, 1])
-    scene, joined = grown_scene(list(places), pairs, INTRINSICS, SIZE)
-    assert joined == 5
+    scene = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     assert distance(scene).nate < 0.01
     assert distance(scene).rotation_deg < 0.5
     assert 70 < len(scene.points) <= 120
     assert NOISE_PX / 2 < scene.rms_px < 2 * NOISE_PX
     assert 0.001 < scene.path_errors.share < 0.02
     monkeypatch.setattr("numba.get_num_threads", lambda: 3)
-    again, _ = grown_scene(list(places), pairs, INTRINSICS, SIZE)
+    again = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     np.testing.assert_array_equal(again.world_to_camera, scene.world_to_camera)
     assert again.path_errors == scene.path_errors
 
@@ -67,11 +66,10 @@ def test_a_scene_need_not_begin_with_the_pair_of_most_matches(monkeypatch):
     places = seen_from(poses, points_of(150, rng), rng)
     pairs = all_pairs(5, np.arange(100))
     pairs[0, 1] = np.stack([np.arange(150)] * 2, axis=1).astype(np.uint32)
-    scene, joined = grown_scene(list(places), pairs, INTRINSICS, SIZE)
-    assert joined == 5
+    scene = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     assert trajectory_errors(scene.world_to_camera, poses).nate < 0.01
     monkeypatch.setattr(mapper, "_MOST_STARTS", 1)
-    assert grown_scene(list(places), pairs, INTRINSICS, SIZE) == (None, 0)
+    assert grown_scene(list(places), pairs, INTRINSICS, SIZE) is None
 
 
 def test_the_distance_of_a_path_that_explains_hardly_fewer_matches_is_the_expected_error(monkeypatch):
@@ -83,11 +81,10 @@ def test_the_distance_of_a_path_that_explains_hardly_fewer_matches_is_the_expect
     pairs = {
         pair: matches[20:] if sum(pair) % 2 else matches[:-20] for pair, matches in all_pairs(5, np.arange(140)).items()
     }
-    surely, joined = grown_scene(list(places), pairs, INTRINSICS, SIZE)
-    assert joined == 5
+    surely = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     assert surely.path_errors.share < 0.02
     monkeypatch.setattr(mapper, "_RIVALS", 0.3)
-    in_doubt, _ = grown_scene(list(places), pairs, INTRINSICS, SIZE)
+    in_doubt = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     np.testing.assert_array_equal(in_doubt.world_to_camera, surely.world_to_camera)
     assert in_doubt.path_errors.share > 0.05
 
@@ -97,7 +94,7 @@ def test_too_few_matches_begin_nothing(matches):
     rng = np.random.default_rng(3)
     places = seen_from(POSES, points_of(50, rng), rng)
     pairs = all_pairs(5, np.arange(matches)) if matches else {}
-    assert grown_scene(list(places), pairs, INTRINSICS, SIZE) == (None, 0)
+    assert grown_scene(list(places), pairs, INTRINSICS, SIZE) is None
 
 
 def test_matches_are_sought_as_long_as_it_takes_to_find_as_many_right_ones_as_a_pair_needs(monkeypatch):

@@ -60,6 +60,12 @@ def _move_gaussians(means: Tensor, *others: Any) -> None:
     _each("move_gaussians", means, *given, torch.from_numpy(field).to(means.device))
 
 
+def _move_map(inverse_depth: Tensor, pixels: Tensor, *others: Any) -> None:
+    *given, field = others
+    there = torch.from_numpy(field).to(inverse_depth.device)
+    _LAUNCHES["move_map"](len(pixels), inverse_depth, pixels, *given, there)
+
+
 def _distance_to_surface(
     image: Tensor, pixels: Tensor, inverse_depth: Tensor, trust: Tensor, *numbers_and_gradient: Any
 ) -> Tensor:
@@ -72,6 +78,7 @@ _WITH_MORE: Final[dict[str, Callable[..., Any]]] = {
     "add_size_gradient": partial(_mean, opacities=False),
     "gather_gradient": _gather_gradient,
     "move_gaussians": _move_gaussians,
+    "move_map": _move_map,
     "distance_to_surface": _distance_to_surface,
 }
 """Of the kernels that take more than such a launch."""

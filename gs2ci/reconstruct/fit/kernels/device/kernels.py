@@ -157,6 +157,21 @@ def share_of(upper: int, fraction: float64):
     return wp.where(upper > 0, fraction, _1 - fraction)
 
 
+@wp.func
+def value(field: wp.array3d(dtype=float64), u: float64, v: float64, w: float64, low: vec3d, step: vec3d):
+    """See `depth_field_kernels._value`."""
+    i, a = place(u, low[0], step[0], field.shape[0])
+    j, b = place(v, low[1], step[1], field.shape[1])
+    k, c = place(w, low[2], step[2], field.shape[2])
+    found = _0
+    for corner in range(8):
+        di = corner // 4
+        dj = (corner // 2) % 2
+        dk = corner % 2
+        found += share_of(di, a) * share_of(dj, b) * share_of(dk, c) * field[i + di, j + dj, k + dk]
+    return found
+
+
 @wp.kernel
 def move_gaussians(
     means: Vectors,
@@ -172,18 +187,32 @@ def move_gaussians(
     seen = wp.transform_point(pose, vec3d(means[g]))
     z = seen[2]
     if z >= near:
-        i, a = place(seen[0] / z, low[0], step[0], field.shape[0])
-        j, b = place(seen[1] / z, low[1], step[1], field.shape[1])
-        k, c = place(_1 / z, low[2], step[2], field.shape[2])
-        found = _0
-        for corner in range(8):
-            di = corner // 4
-            dj = (corner // 2) % 2
-            dk = corner % 2
-            found += share_of(di, a) * share_of(dj, b) * share_of(dk, c) * field[i + di, j + dj, k + dk]
-        growth = bounded(-z * found, z)
+        growth = bounded(-z * value(field, seen[0] / z, seen[1] / z, _1 / z, low, step), z)
         means[g] = vec3(vec3d(means[g]) + growth * wp.transform_vector(wp.transpose(pose), seen))
         enlarge(log_scales, g, growth)
+
+
+@wp.kernel
+def move_map(
+    inverse_depth: Floats,
+    pixels: wp.array(dtype=wp.int64),
+    rays: wp.array(dtype=wp.vec2),
+    to_reference: mat44d,
+    low: vec3d,
+    step: vec3d,
+    field: wp.array3d(dtype=float64),
+):
+    """See `depth_field_kernels.move_map`."""
+    at = int(pixels[wp.tid()])
+    w = float64(inverse_depth[at])
+    ray = vec3d(float64(rays[at][0]), float64(rays[at][1]), _1)
+    # In units of the depth: X = R ray + t w.
+    offset = vec3d(to_reference[0, 3], to_reference[1, 3], to_reference[2, 3])
+    seen = wp.transform_vector(to_reference, ray) + w * offset
+    z = seen[2]
+    if w > _0 and z > _0:
+        moved = w + value(field, seen[0] / z, seen[1] / z, w / z, low, step)
+        inverse_depth[at] = float32(wp.max(moved, _0))
 
 
 @wp.kernel
@@ -313,7 +342,8 @@ def sum_distances(
 
 
 BY_ELEMENTS: Final[tuple[Any, ...]] = (
-    *(adam_step, gradient_in_view, move_in_view, move_gaussians, find_changes, parallax_moments, add_mean_gradient),
+    *(adam_step, gradient_in_view, move_in_view, move_gaussians, move_map, find_changes),
+    *(parallax_moments, add_mean_gradient),
 )
 BY_BLOCKS: Final[tuple[Any, ...]] = (sum_values, sum_at_knots, sum_distances)
 """By how they are launched: a thread for each element, or `SUMMED` threads for each sum."""
