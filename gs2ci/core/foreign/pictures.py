@@ -157,11 +157,12 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
                 remedy="save it as single pictures in a folder, as .npy, or page by page (tifffile: truncate=False)",
             )
         read = [np.asarray(page) for page in pages]
-        for number, layout in enumerate(layouts):
+        notes: set[str] = set()
+        for number, (layout, is_boolean) in enumerate(zip(layouts, tiff.booleans(stored.data, layouts), strict=True)):
             tiff.check(file, read[number], layout)
-            read[number] = tiff.as_stored(file, read[number], layout)
-        notes = sorted({note for layout in layouts if (note := tiff.note_of(layout))})
-    return [_in_order(file, page) for page in read], "; ".join(notes)
+            read[number] = tiff.as_stored(file, read[number], layout, is_boolean=is_boolean)
+            notes.add(tiff.note_of(layout, is_boolean=is_boolean))
+    return [_in_order(file, page) for page in read], "; ".join(sorted(notes - {""}))
 
 
 @contextmanager

@@ -156,12 +156,25 @@ def check(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> None:
         )
 
 
-def as_stored(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> NDArray[Any]:
-    """Take back the stretching of 9 to 15 bits to 16.
+def booleans(stored: memoryview, layouts: list[dict[int, int]]) -> list[bool]:
+    """Tell which pages tifffile wrote from boolean arrays: of one bit, whose tag says that 0 is white.
+
+    tifffile (2026.3.3) gives booleans that tag by itself and does not look at it when it reads them; who follows the
+    tag sees open elements closed. It is known by its description, `{"shape": …}`.
+    """
+    count = _COUNT.search(stored)
+    of_tifffile = count is not None and count[2] is not None
+    return [of_tifffile and layout.get(BITS, 1) == 1 and layout.get(PHOTOMETRIC) == 0 for layout in layouts]
+
+
+def as_stored(file: Path, page: NDArray[Any], layout: Mapping[int, int], *, is_boolean: bool) -> NDArray[Any]:
+    """Take back the stretching of 9 to 15 bits to 16, and the inversion of booleans (0 and 255, of 8 bits).
 
     Raises:
         InputError: The page was not stretched by a shift of its bits.
     """
+    if is_boolean:
+        return 255 - page
     bits = layout.get(BITS, 16)
     if page.dtype != np.uint16 or not 8 < bits < 16:
         return page
@@ -173,14 +186,16 @@ def as_stored(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> NDAr
     return page >> shift
 
 
-def note_of(layout: Mapping[int, int]) -> str:
+def note_of(layout: Mapping[int, int], *, is_boolean: bool) -> str:
     """Say what was done to a page."""
     notes = []
     bits = layout.get(BITS, 16)
     if 8 < bits < 16:
         notes.append(f"{bits} bits")
-    if layout.get(PHOTOMETRIC, 1) == 0:
-        notes.append("0 is white, as its tag says (tifffile writes boolean arrays so, which are then inverted)")
+    if is_boolean:
+        notes.append("true is 1, though its tag says that 0 is white, as in all boolean arrays that tifffile writes")
+    elif layout.get(PHOTOMETRIC, 1) == 0:
+        notes.append("0 is white, as its tag says")
     turned = layout.get(ORIENTATION, _UPRIGHT)
     if turned != _UPRIGHT:
         notes.append(f"turned as its tag of orientation says ({turned})")

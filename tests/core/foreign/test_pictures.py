@@ -189,6 +189,25 @@ def test_numbers_that_opencv_mixes_up_are_refused(tmp_path, layout, dtype, form)
         assert np.array_equal(open_foreign(tmp_path / "a.tif").load("").values, colours)
 
 
+@pytest.mark.parametrize("pages", [1, 4])
+@pytest.mark.parametrize("form", [{}, {"byteorder": ">"}, {"compression": "zlib"}, {"photometric": "minisblack"}])
+def test_boolean_masks_of_tifffile_are_open_where_they_are_true(tmp_path, form, pages):
+    """tifffile 2026.3.3 writes them with the tag of pictures whose 0 is white, and itself passes over it."""
+    masks = np.random.default_rng(0).random((pages, 20, 24)) < 0.3
+    tifffile.imwrite(tmp_path / "a.tif", masks if pages > 1 else masks[0], **form)
+    container = open_foreign(tmp_path / "a.tif")
+    assert np.array_equal(container.load("").values > 0, masks if pages > 1 else masks[0])
+    assert ("true is 1" in container.note) == ("photometric" not in form)
+
+
+def test_a_tiff_of_another_program_that_counts_from_white_is_said_to(tmp_path):
+    mask = np.random.default_rng(0).random((6, 8)) < 0.5
+    tifffile.imwrite(tmp_path / "mask.tif", np.stack([mask, ~mask]), metadata=None, description="a scan")
+    container = open_foreign(tmp_path / "mask.tif")
+    assert np.array_equal(container.load("").values[0], 255 * ~mask)
+    assert container.note == "0 is white, as its tag says"
+
+
 def test_a_tiff_whose_directories_lead_in_a_circle_is_no_endless_one(tmp_path):
     pages = list(np.random.default_rng(0).integers(0, 256, (2, 6, 8), np.uint8))
     whole = tiff(pages, "<", big=False, pictures_first=True)
@@ -255,15 +274,6 @@ def test_names_without_numbers_are_doubted(tmp_path):
     for name in ("one", "two", "three"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((3, 4), len(name), np.uint8))
     assert "one.png to two.png; WARNING: in the order of the alphabet" in open_foreign(tmp_path).note
-
-
-def test_a_tiff_that_counts_from_white_is_said_to(tmp_path):
-    """As tifffile writes boolean arrays, which OpenCV and others then show inverted."""
-    mask = np.random.default_rng(0).random((6, 8)) < 0.5
-    tifffile.imwrite(tmp_path / "mask.tif", np.stack([mask, ~mask]))
-    container = open_foreign(tmp_path / "mask.tif")
-    assert np.array_equal(container.load("").values[0], 255 * ~mask)
-    assert "0 is white, as its tag says (tifffile writes boolean arrays so" in container.note
 
 
 def test_a_folder_of_other_files_names_one(tmp_path):
