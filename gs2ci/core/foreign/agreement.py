@@ -28,6 +28,8 @@ EXPLAINED: Final = 0.1
 _BY_AN_OFFSET: Final = 0.5
 # Behind closed masks, more readings than this at or below 0 contradict an offset.
 _NONE_AT_ZERO: Final = 0.2
+# So much less of the measurement is left by true views that begin with the right mask: only the last one is then wrong.
+_MOVED: Final = 0.6
 # How close a fitted scale must come to a usual one to be taken for it.
 SNAP: Final = 0.02
 
@@ -227,6 +229,7 @@ def check_truth(
             allowed="masks and true views in the order of exposure",
             remedy="say --reverse-masks, reverse the true views, or leave them out with --truth-key none",
         )
+    _doubt_first(truth, measurement, coding, views, cfa, residual, guesses)
     if residual < EXPLAINED and scale > 0:
         guesses.append(f"truth: explains the measurement to {residual:.2g} (relative)")
         return Scale(_snapped(scale, len(views)), "from the truth", stated=True)
@@ -235,6 +238,29 @@ def check_truth(
     word = "WARNING: the truth does not explain" if residual >= grey else "truth: explains only roughly"
     guesses.append(f"{word} the measurement (relative residual {residual:.2f}, of even views {grey:.2f})")
     return None
+
+
+def _doubt_first(
+    truth: Array,
+    measurement: F64,
+    coding: CodingConvention,
+    views: F32,
+    cfa: CfaPattern | None,
+    residual: float,
+    guesses: list[str],
+) -> None:
+    """Say if the true views explain the measurement better when they begin one mask earlier or later."""
+    for words, moved in (
+        ("one mask later", np.concatenate([views[:1], views[:-1]])),
+        ("one mask earlier", np.concatenate([views[1:], views[-1:]])),
+    ):
+        _, beside = fit(measurement, coding.forward(moved, cfa))
+        if beside < _MOVED * residual:
+            guesses.append(
+                f"WARNING: {truth.where}: the true views explain the measurement better {words} (residual "
+                f"{beside:.2g}, as given {residual:.2g}): scores compare each with the view of its mask; is a frame "
+                "missing or too many?"
+            )
 
 
 def _snapped(scale: float, views: int) -> float:

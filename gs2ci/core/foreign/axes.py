@@ -257,6 +257,8 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
         remedy = f"each mask is one row of {pixels} numbers: reshape the masks to {wanted} before saving"
     elif len(shape) == 1:
         remedy = f"the measurement is one row of {shape[0]} numbers: reshape it to [H, W] before saving"
+    elif told := _enlarged(shape, mask_shape):
+        remedy += f"; {told}"
     if mask_axis != "auto":
         remedy += f", or leave out --mask-axis {mask_axis}"
     return InputError(
@@ -266,3 +268,17 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
         "[H, W, 3, K], [H, W, K, 3] or [K, H, W, 3]",
         remedy=remedy,
     )
+
+
+def _enlarged(shape: tuple[int, ...], masks: tuple[int, ...]) -> str:
+    """Say how masks become as large as the measurement, if each element covers a square of whole pixels."""
+    for m in _readings(shape, _MEASUREMENT_ORDERS):
+        for k in _readings(masks, _MASK_ORDERS):
+            times, rest = divmod(m.size[0], k.size[0])
+            if not rest and times > 1 and m.size[1] == times * k.size[1]:
+                rows = k.order.index("H")
+                return (
+                    f"where each element covers {times} x {times} pixels exactly: "
+                    f"masks.repeat({times}, {rows}).repeat({times}, {rows + 1})"
+                )
+    return ""

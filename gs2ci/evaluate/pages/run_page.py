@@ -508,7 +508,7 @@ def _measurement(report: Report) -> Markup:
     rows.append(("exposure of a mask, share of its interval", "{:.3g} to {:.3g}".format(*measured.weights)))
     rows.append(("stage telemetry", measured.telemetry))
     told = list(spoken_rows(report.provenance))
-    origins = piece("heading", text="From the shot file") + pieces.facts(told) if told else Markup()
+    origins = piece("on_screen", title="From the shot file", content=pieces.facts(told)) if told else Markup()
     return pieces.facts(rows) + origins
 
 

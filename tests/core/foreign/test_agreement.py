@@ -63,6 +63,16 @@ def test_a_reversed_order_of_masks_is_found_through_the_truth(scene, take):
     assert np.array_equal(shot.masks, made.masks)
 
 
+@pytest.mark.parametrize(("first", "words"), [(1, "one mask later"), (-1, "one mask earlier")])
+def test_true_views_that_begin_with_another_mask_are_doubted(scene, take, said, first, words):
+    """A film whose first frame is missing: scores would compare each view with its neighbour."""
+    made = scene(n=8)
+    moved = take(meas=made.meas, mask=made.masks, truth=np.roll(made.views, -first, axis=0))
+    assert said(moved, f"explain the measurement better {words} (residual")
+    right = take(meas=made.meas, mask=made.masks, truth=made.views)
+    assert not said(right, "explain the measurement better")
+
+
 def test_weights_are_reversed_with_their_masks(scene, take, said):
     """Otherwise the option that the error names would make the import worse."""
     made = scene()

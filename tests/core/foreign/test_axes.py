@@ -118,6 +118,10 @@ def test_masks_as_the_modulator_has_them_are_told_how_to_become_the_sensors(scen
     made = scene()
     with pytest.raises(InputError, match=r"in the sensor's pixels.*`gs2ci calibrate masks`"):
         take(meas=made.meas, mask=np.kron(made.masks, np.ones((1, 2, 2), np.uint8)))
+    with pytest.raises(InputError, match=r"2 x 2 pixels exactly: masks\.repeat\(2, 1\)\.repeat\(2, 2\)"):
+        take(meas=made.meas, mask=made.masks[:, ::2, ::2])
+    with pytest.raises(InputError, match=r"4 x 4 pixels exactly: masks\.repeat\(4, 0\)\.repeat\(4, 1\)"):
+        take(meas=made.meas, mask=np.moveaxis(made.masks[:, ::4, ::4], 0, -1))
 
 
 def test_sizes_that_differ_are_refused_with_both_shapes(scene, take):

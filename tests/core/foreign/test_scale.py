@@ -176,6 +176,16 @@ def test_blank_and_repeated_masks_are_named(scene, take, said):
     assert said(imported, "WARNING: masks [2, 3, 4] are identical")
 
 
+def test_a_white_frame_among_the_masks_is_named(scene, take, said):
+    """Calibrations end with one; it was taken for a mask, and readings "grow 1.25 times as fast as the masks open"."""
+    made = scene(n=4)
+    with_white = np.concatenate([made.masks, np.ones((1, 24, 32), np.uint8)])
+    assert said(take(meas=made.meas, mask=with_white), "WARNING: masks [4] are closed nowhere")
+    assert not said(take(meas=made.meas, mask=made.masks), "closed nowhere")
+    open_ = np.ones((2, 24, 32), np.uint8)
+    assert not said(take(meas=2 * made.views[0] / 255.0, mask=open_), "closed nowhere")
+
+
 @pytest.mark.parametrize("factor", [1 / 255, 1.0, 4095 / 255])
 def test_true_views_are_read_in_their_own_unit(scene, take, factor):
     made = scene()
