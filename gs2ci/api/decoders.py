@@ -70,9 +70,9 @@ def decoder_of(choice: Choice) -> Decoder:
     Raises:
         InputError: Two options contradict each other, or a denoiser is unknown or cannot be loaded.
     """
-    plug = choice.method in ("pnp-gap", "pnp-admm")
+    plug = choice.method == "pnp-gap"
     if choice.denoiser is not None and not plug:
-        raise InputError(f"--denoiser with --method {choice.method}", allowed="with pnp-gap and pnp-admm")
+        raise InputError(f"--denoiser with --method {choice.method}", allowed="with pnp-gap")
     if choice.coupling is not None and choice.method != "gap-tv":
         raise InputError(f"--coupling with --method {choice.method}", allowed="with gap-tv")
     check_budget(choice.method, choice.iterations, given=choice.until_s is not None)
@@ -172,7 +172,7 @@ def _hurried_decoder(until_s: float, seed: int) -> Decoder:
 
 
 def _plug_and_play_decoder(choice: Choice) -> Decoder:
-    settings = PlugAndPlaySettings(scheme="gap" if choice.method == "pnp-gap" else "admm")
+    settings = PlugAndPlaySettings()
     if choice.iterations is not None:
         settings = replace(settings, iterations=choice.iterations)
     settings.check()

@@ -40,7 +40,7 @@ def decode(
     Args:
         shot: A shot, or a file that `load` takes.
         method: gap-tv; patches, which uses groups of similar patches and is the best without trained weights, or
-            patches-quick, the same with a few steps; plug-and-play by pnp-gap or pnp-admm; onnx:FILE, a network from
+            patches-quick, the same with a few steps; plug-and-play by pnp-gap; onnx:FILE, a network from
             measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies for the
             geometry stage: eni, amdi, or proxies, which chooses one of the two by the masks.
         denoiser: Of plug-and-play: tv (the default), nlm (non-local means), onnx:FILE, or a model added by name

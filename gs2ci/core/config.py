@@ -11,7 +11,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gs2ci.core.errors import InputError, reason_of
 
@@ -47,6 +47,19 @@ class ConfigTable(BaseModel):
     """Base of settings: unknown keys are errors, numbers are finite, values are not changed afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_truth_is_a_number(cls, data: Any) -> Any:
+        """Return a table as it is, if no number in it is true or false, which pydantic takes for 1 and 0.
+
+        Raises:
+            ValueError: One is.
+        """
+        for name, field in cls.model_fields.items() if isinstance(data, dict) else ():
+            if isinstance(data.get(name), bool) and _is_number(field.annotation):
+                raise ValueError(f"{name!r} is {str(data[name]).lower()}: it should be a number")
+        return data
 
 
 def read_settings(path: Path, model: type[M]) -> M:
@@ -178,6 +191,13 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     if get_origin(annotation) in (Union, UnionType, Annotated):
         return [model for part in get_args(annotation) for model in _models(part)]
     return []
+
+
+def _is_number(annotation: Any) -> bool:
+    """Tell whether a key takes numbers, and neither true nor false."""
+    parts = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    kinds = [get_args(part)[0] if get_origin(part) is Annotated else part for part in parts]
+    return (int in kinds or float in kinds) and bool not in kinds
 
 
 def _tag(model: type[BaseModel]) -> str | None:

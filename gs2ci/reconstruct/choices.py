@@ -34,7 +34,6 @@ DECODE_METHODS: Final = (
     "patches",
     "patches-quick",
     "pnp-gap",
-    "pnp-admm",
     "video-decoder",
     "proxies",
     "eni",

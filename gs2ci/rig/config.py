@@ -24,6 +24,7 @@ from gs2ci.core.config import (
     settings_from,
 )
 from gs2ci.core.errors import InputError
+from gs2ci.core.mechanics import Mechanics
 from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.mount import MountOptions
 from gs2ci_drivers.plugin import BUILT_IN, driver_plugin, known_driver
@@ -129,31 +130,6 @@ class TrueSensorTable(ConfigTable):
     """Electrons per photon."""
 
 
-class MechanicsTable(ConfigTable):
-    """[world.mechanics.AXIS]: the differences between counted and true position of a simulated axis."""
-
-    scale: Positive = 1.0
-    """True distance per counted distance."""
-    backlash_mm: NotNegative = 0.0
-    """Lost motion at a reversal."""
-    lag_s: NotNegative = 0.0
-    """Delay of the carriage behind the controller."""
-    ripple_mm: NotNegative = 0.0
-    """Amplitude of the screw's periodic error."""
-    pitch_mm: Positive = 1.0
-    """Its period."""
-    reversed_sign: bool = False
-    """Whether the carriage moves the other way."""
-    speed_error: Annotated[float, Field(gt=-1, lt=1)] = 0.0
-    """Relative error of its speed."""
-    repeatability_mm: NotNegative = 0.0
-    """Standard deviation of where a move truly ends."""
-    slip_mm: NotNegative = 0.0
-    """What a move may lose in a slipping coupling, at most."""
-    seed: Annotated[int, Field(ge=0)] = 0
-    """Of the draws of repeatability and slip."""
-
-
 class WorldTable(ConfigTable):
     """[world]: the surroundings of simulated devices; required if any port is "simulated"."""
 
@@ -217,7 +193,7 @@ class WorldTable(ConfigTable):
     effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """[world.effects.NAME]: imperfections of the light path, as in docs/simulation.md."""
     sensor: TrueSensorTable = TrueSensorTable()
-    mechanics: dict[str, MechanicsTable] = Field(default_factory=dict)
+    mechanics: dict[str, Mechanics] = Field(default_factory=dict)
     mount: MountOptions | None = None
     """How the stage truly moves the camera; without it, as [stage.mount] says."""
     faults: tuple[str, ...] = ()

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci.rig.config import DEVICE_GROUPS, MechanicsTable, RigTable, WorldTable
+from gs2ci.core.mechanics import Mechanics
+from gs2ci.rig.config import DEVICE_GROUPS, RigTable, WorldTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.plugin import known_driver
 from gs2ci_sims.effects.masks import Misregistration
@@ -229,7 +230,7 @@ def _rest_mm(rig: RigTable, table: WorldTable, start_mm: Mapping[str, float]) ->
     """Return each axis's true position in the rest pose: where it stands at first, or in the middle of its travel."""
     capture, rest = rig.capture, dict(start_mm)
     if capture.axis:
-        one = table.mechanics.get(capture.axis, MechanicsTable())
+        one = table.mechanics.get(capture.axis, Mechanics())
         middle_mm = (capture.from_mm + capture.to_mm) / 2  # as counted
         rest[capture.axis] = middle_mm * (-one.scale if one.reversed_sign else one.scale)
     return rest

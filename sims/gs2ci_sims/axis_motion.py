@@ -11,37 +11,10 @@ from math import copysign, inf, pi, sin, sqrt
 
 import numpy as np
 
+from gs2ci.core.mechanics import Mechanics
+
 HISTORY = 4096
 """Pieces of motion that are remembered: some thousand moves, far more than one exposure sees."""
-
-
-@dataclass(frozen=True)
-class Mechanics:
-    """What lies between the counted and the true position; the default is a perfect axis.
-
-    Args:
-        scale: True distance per counted distance.
-        backlash_mm: Lost motion at a reversal.
-        lag_s: Following error as a delay of the carriage behind the controller.
-        ripple_mm: Amplitude of the screw's periodic error.
-        pitch_mm: Its period.
-        reversed_sign: Whether the carriage goes the other way.
-        speed_error: Relative error of its speed.
-        repeatability_mm: Standard deviation of where a move truly ends; the next move forgets it.
-        slip_mm: What a move may lose for good in a slipping coupling, at most; evenly distributed.
-        seed: Of both.
-    """
-
-    scale: float = 1.0
-    backlash_mm: float = 0.0
-    lag_s: float = 0.0
-    ripple_mm: float = 0.0
-    pitch_mm: float = 1.0
-    reversed_sign: bool = False
-    speed_error: float = 0.0
-    repeatability_mm: float = 0.0
-    slip_mm: float = 0.0
-    seed: int = 0
 
 
 @dataclass(frozen=True)

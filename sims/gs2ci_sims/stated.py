@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from gs2ci_sims.axis_motion import Mechanics
+from gs2ci.core.mechanics import Mechanics
 from gs2ci_sims.faults import FaultSet
 
 DEVICES: Final = ("modulator", "sensor", "stage")
@@ -30,8 +30,7 @@ class Stated:
 
     def mechanics(self, axis: str) -> Mechanics:
         """Return the stated errors between an axis's counted and true position; none if none are stated."""
-        stated = {} if self.table is None else self.table.mechanics
-        return Mechanics(**stated[axis].model_dump()) if axis in stated else Mechanics()
+        return Mechanics() if self.table is None else self.table.mechanics.get(axis, Mechanics())
 
     def start_mm(self, built_mm: float) -> float:
         """Return the stated counted position at power-on, or else that which the twin is built with."""

@@ -23,7 +23,7 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.reconstruct.decode.denoisers import NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
-from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, Scheme, plug_and_play
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 
@@ -54,14 +54,13 @@ def run() -> None:
     decoders: dict[str, tuple[_Decoder, int | None, str]] = {
         "GAP-TV": (lambda shot: gap_tv(shot, AS_PUBLISHED), None, "GAP-TV"),
         "GAP-TV coupled": (lambda shot: gap_tv(shot, choose_coupling(shot, AS_PUBLISHED, 0)), None, "GAP-TV"),
-        "PnP-GAP TV": (_plugged("gap", TotalVariation()), None, ""),
-        "PnP-GAP NLM": (_plugged("gap", NonLocalMeans()), 1, ""),
+        "PnP-GAP TV": (_plugged(TotalVariation()), None, ""),
+        "PnP-GAP NLM": (_plugged(NonLocalMeans()), 1, ""),
     }
     with tempfile.TemporaryDirectory() as folder:
         network = ffdnet(data / "weights" / "ffdnet_gray.pth", Path(folder))
         if network is not None:
-            decoders["PnP-GAP FFDNet"] = (_plugged("gap", network), None, "PnP-GAP FFDNet")
-            decoders["PnP-ADMM FFDNet"] = (_plugged("admm", network), 1, "")
+            decoders["PnP-GAP FFDNet"] = (_plugged(network), None, "PnP-GAP FFDNet")
         for name, file in FILES.items():
             if not (data / "video_sci" / file).is_file():
                 print(f"{name:8s} skipped: no {file}")
@@ -71,8 +70,8 @@ def run() -> None:
                 _row(name, decoder, decode, shots[:limit], PUBLISHED.get(peer, {}).get(name), len(shots))
 
 
-def _plugged(scheme: Scheme, denoise: TotalVariation | NonLocalMeans | OnnxDenoiser) -> _Decoder:
-    return lambda shot: np.clip(plug_and_play(shot, denoise, PlugAndPlaySettings(scheme=scheme)), 0, 1)
+def _plugged(denoise: TotalVariation | NonLocalMeans | OnnxDenoiser) -> _Decoder:
+    return lambda shot: np.clip(plug_and_play(shot, denoise, PlugAndPlaySettings()), 0, 1)
 
 
 def ffdnet(weights: Path, folder: Path) -> OnnxDenoiser | None:

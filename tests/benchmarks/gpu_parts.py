@@ -28,7 +28,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.decode.patches.denoiser import _denoise
 from gs2ci.reconstruct.decode.patches.flow import Flow
-from gs2ci.reconstruct.decode.patches.matching import SIDE, Lattice, find_groups
+from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import devices, places, recording
@@ -167,14 +167,15 @@ def beside_the_host(asked: Asked) -> None:
     _tell("parameters after 6 iterations", apart, all(map(torch.equal, there, again)))
     draws = np.random.default_rng(0)
     views = (0.5 + 0.1 * draws.standard_normal((4, *size))).astype(np.float32)
-    groups = find_groups(views, Flow.between(views), Lattice(per_group=16), 0)
+    lattice = Lattice(per_group=16)
+    groups = find_groups(views, Flow.between(views), lattice, 0)
     masks = (draws.random((4, *size)) < 0.5).astype(np.float32)
     shot = Shot((masks * views).sum(axis=0)[..., None], masks, np.ones(4, np.float32))
     poses = small_motion(4).double().numpy()
     intrinsics = np.array([[size[1], 0, size[1] / 2], [0, size[1], size[0] / 2], [0, 0, 1.0]])
     swept = SweepSettings(planes=16)
     for name, work in {
-        "groups of patches": lambda: _denoise(views[None], groups, (SIDE, SIDE), 0.1, views[None]),
+        "groups of patches": lambda: _denoise(views[None], groups, lattice.patch(size), 0.1, views[None]),
         "GAP-TV": lambda: decode_signed(shot, GapTvSettings(iterations=4)),
         "inverse depths of a sweep": lambda: sweep(views[..., None], poses, intrinsics, 0, (0.2, 1.0), swept),
     }.items():

@@ -20,6 +20,7 @@ class Dog(ConfigTable):
 class House(ConfigTable):
     pet: Annotated[Cat | Dog, Field(discriminator="kind")]
     rooms: int = 3
+    height_m: Annotated[float, Field(gt=0)] | None = None
 
 
 def read(tmp_path, text):
@@ -31,6 +32,7 @@ def read(tmp_path, text):
 def test_settings_are_returned(tmp_path):
     house = read(tmp_path, 'rooms = 4\n[pet]\nkind = "dog"\nbarks_per_s = 2.5\n')
     assert house == House(pet=Dog(kind="dog", barks_per_s=2.5), rooms=4)
+    assert read(tmp_path, '[pet]\nkind = "cat"\npurrs = false\n').pet == Cat(kind="cat", purrs=False)
 
 
 @pytest.mark.parametrize(
@@ -54,6 +56,9 @@ def test_settings_are_returned(tmp_path):
             r"'rooms' in the top of the file is 'two': it should be a whole number$",
         ),
         ('[pet]\nkind = "cats"', r"unknown kind 'cats' in \[pet\]; allowed: 'cat', 'dog'; did you mean 'cat'\?"),
+        ('rooms = true\n[pet]\nkind = "cat"', r"house.toml: 'rooms' is true: it should be a number$"),
+        ('height_m = true\n[pet]\nkind = "cat"', r"'height_m' is true: it should be a number$"),
+        ('[pet]\nkind = "dog"\nbarks_per_s = true', r"\[pet\]: 'barks_per_s' is true: it should be a number$"),
         ("rooms = [", "is not TOML"),
     ],
 )

@@ -1,20 +1,19 @@
 """What the twins leave out: the list, the rig file's keys and the twins say the same."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
+from gs2ci.core.mechanics import Mechanics
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot
-from gs2ci.rig.config import MechanicsTable, WorldTable
+from gs2ci.rig.config import WorldTable
 from gs2ci.rig.opening import load_rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench, with_typical_devices
 from gs2ci_drivers.failures import ReferenceLostError
-from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.idealisations import IDEALISATIONS, typical
 from gs2ci_sims.rig_file import effects_from_tables
+from gs2ci_sims.stated import Stated
 
 RIG = """
 [modulator]
@@ -71,8 +70,9 @@ def test_a_switch_is_a_key_of_the_rig_file_whose_default_is_the_ideal(one):
 
 
 def test_the_mechanics_of_an_axis_are_perfect_unless_the_file_says_otherwise():
-    assert Mechanics(**MechanicsTable().model_dump()) == Mechanics()
-    assert {field.name for field in dataclasses.fields(Mechanics)} == set(MechanicsTable.model_fields)
+    stated = Stated(WorldTable(mechanics={"x": Mechanics(scale=1.01)}))
+    assert stated.mechanics("x") == Mechanics(scale=1.01) != Mechanics()
+    assert stated.mechanics("y") == Stated().mechanics("x") == Mechanics()
 
 
 def test_typical_devices_are_what_the_list_says_and_only_those_that_the_rig_has(rig_with):

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gs2ci.core.mechanics import Mechanics
 from gs2ci_drivers.axis import trapezoid_time_s
-from gs2ci_sims.axis_motion import AxisMotion, Mechanics
+from gs2ci_sims.axis_motion import AxisMotion
 
 COORDINATES = st.floats(-100, 100)
 

@@ -8,7 +8,7 @@ threads. The readable float64 statement of the same steps is in the tests
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.kernels import EXACT, b1, f32, f32_2, f32_3, f32_4, f64, f64_1, helper, i64, in_parts, kernel
+from gs2ci.core.kernels import EXACT, f32, f32_2, f32_3, f32_4, f64, f64_1, helper, i64, in_parts, kernel
 
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
@@ -19,7 +19,6 @@ def project_onto_measurement(
     inverse_energy: F32,
     measured: F32,
     target: F32,
-    accelerated: bool,
     noise: F32,
     error_power: float,
 ) -> F64:
@@ -34,9 +33,8 @@ def project_onto_measurement(
         masks: wᵢ Mᵢ, [N, H, W].
         inverse_energy: e, for the nearest views 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 at pixels that do not count.
         measured: y, [C, H, W].
-        target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not; where there is noise, to y and the
-            kept share of what y₁ + (y − Φx) has beyond it.
-        accelerated: Whether the residuals of earlier steps are accumulated in the target.
+        target: y₁, [C, H, W]; changed to y₁ + (y − Φx); where there is noise, to y and the kept share of what that has
+            beyond it.
         noise: σ² e, [C, H, W]; of size 0: no noise.
         error_power: s².
 
@@ -44,12 +42,12 @@ def project_onto_measurement(
         Σ (y − Φx)² of each row over the pixels that count, [C * H].
     """
     row_energy = np.zeros(views.shape[1] * views.shape[2])
-    sums = (masks, inverse_energy, measured, target, accelerated, noise, float(error_power), row_energy)
+    sums = (masks, inverse_energy, measured, target, noise, float(error_power), row_energy)
     in_parts(_project, len(row_energy), views, *sums)
     return row_energy
 
 
-@kernel(i64, i64, f32_4, f32_3, f32_2, f32_3, f32_3, b1, f32_3, f64, f64_1, fastmath=EXACT)
+@kernel(i64, i64, f32_4, f32_3, f32_2, f32_3, f32_3, f32_3, f64, f64_1, fastmath=EXACT)
 def _project(
     from_task,
     to_task,
@@ -58,7 +56,6 @@ def _project(
     inverse_energy,
     measured,
     target,
-    accelerated,
     noise,
     error_power,
     row_energy,
@@ -82,7 +79,7 @@ def _project(
                 step = _ONE / max(_ONE, share)
                 target[c, r, col] = measured[c, r, col] + kept * (target[c, r, col] - measured[c, r, col] + residual)
             else:
-                target[c, r, col] = target[c, r, col] + residual if accelerated else measured[c, r, col]
+                target[c, r, col] += residual
             change[col] = (target[c, r, col] - change[col]) * inverse_energy[r, col] * step
         row_energy[task] = energy
         for i in range(n):

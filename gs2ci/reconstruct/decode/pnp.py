@@ -1,6 +1,6 @@
 """Plug-and-play decoding: projections onto the measurement alternate with any denoiser (Yuan 2020).
 
-Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inner loop (`kernels`), the denoisers
+Here: the scheme, accelerated GAP, for every kind of shot. Not here: its inner loop (`kernels`), the denoisers
 (`denoisers`, `learned.onnx_denoiser`). The views are approximate: good enough for tracking and display, never a
 photometric target of a fit.
 """
@@ -18,7 +18,7 @@ from pydantic import Field, PositiveInt
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
-from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
@@ -30,7 +30,6 @@ from gs2ci.reconstruct.decode.several import turned
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.render.places import working_device
 
-Scheme = Literal["gap", "admm"]
 Beginning = Literal["average", "transpose"]
 # From views as the sensor measures them, [N, C or mosaic, H, W], to denoised views: as measured, and in full colour.
 _Prior = Callable[[F32, float], tuple[F32, F32]]
@@ -48,24 +47,21 @@ _LEAST_NEARBY: Final = 1e-3
 
 @dataclass(frozen=True)
 class PlugAndPlaySettings(Bounded):
-    """Which scheme, and how the noise level falls.
+    """How the noise level falls.
+
+    Each step projects onto the measurement plus the accumulated residual of earlier ones (accelerated generalised
+    alternating projection, λ = 1). ADMM in its place agreed to 0.04 dB (docs/commands/decode.md).
 
     Args:
-        scheme: `gap` projects onto the measurement plus the accumulated residual of earlier steps (accelerated
-            generalised alternating projection, λ = 1); `admm` uses a multiplier instead.
         sigmas: Noise levels given to the denoiser, one after the other, full scale 1.
         iterations: Steps at each level.
-        gamma: For ADMM: weight of the denoised views relative to the measurement, in units of the energy of one open
-            mask.
         begin: The first views: `average`, the measurement divided by its total exposure; or `transpose`, each mask
             times the measurement, several times too bright, as in the authors' program (Yuan et al. 2020,
             github.com/liuyang12/PnP-SCI_python), for comparison with its figures.
     """
 
-    scheme: Scheme = "gap"
     sigmas: Annotated[tuple[Positive, ...], Field(min_length=1)] = (50 / 255, 25 / 255, 12 / 255, 6 / 255)
     iterations: PositiveInt = 10
-    gamma: Positive = 0.01
     begin: Beginning = "average"
 
 
@@ -109,7 +105,7 @@ def plug_and_play(
             projected as it was measured, and demosaicked before each denoising. Several are measurements of the same
             views, each of which adds an equation at every pixel (`several`).
         denoise: The denoiser.
-        settings: Scheme and schedule.
+        settings: The schedule.
         progress: Receives each iteration and its relative residual.
         start: First views, in the form that is returned; None: as in the settings.
         enough: Called after each step with its views in full colour, [N, C, H, W]; if it returns True, that step is the
@@ -122,16 +118,12 @@ def plug_and_play(
         opens are filled by the denoiser from their surroundings.
 
     Raises:
-        InputError: The settings make no sense, the noise is to be weighed by ADMM, or several measurements are not of
-            the same views.
+        InputError: The settings make no sense, or several measurements are not of the same views.
         NumericsError: The denoiser changed the shape, or returned numbers that are not finite.
     """
     settings = (settings or PlugAndPlaySettings()).check()
-    if noise is not None and settings.scheme != "gap":
-        raise InputError(f"noise weighed by {settings.scheme}", allowed="scheme gap, or no noise")
     progress = progress or Silent()
-    gamma = settings.gamma if settings.scheme == "admm" else 0.0
-    equations = _equations([shot] if isinstance(shot, Shot) else shot, gamma)
+    equations = _equations([shot] if isinstance(shot, Shot) else shot)
     shot = shot if isinstance(shot, Shot) else shot[0]
     channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
     prior = _plane_prior(denoise) if channels is None else _mosaic_prior(channels, denoise)
@@ -146,27 +138,22 @@ def plug_and_play(
     else:
         views = np.sum([one.masks[:, None] * one.measured for one in equations.each], axis=0, dtype=np.float32)
     device = working_device()
-    if device is not None and gamma == 0 and channels is None and enough is None and len(targets) == 1:
+    if device is not None and channels is None and enough is None and len(targets) == 1:
         smooth = _total_variation(denoise)
         if smooth is not None:
             return _on_device(views, equations, targets[0], levels.tolist(), smooth, noise, progress, device)
-    # ADMM carries the difference between projected and denoised views along; accelerated GAP does so in the target.
-    multiplier = np.zeros_like(views) if settings.scheme == "admm" else None
     seen = views
     progress.stage("decode", len(levels))
     for iteration, sigma in enumerate(levels.tolist()):
-        nearest = views if multiplier is None else views - multiplier
         error_power = 1.0 if noise is None else noise.error_power(sigma)
         left = 0.0
         for one, target in zip(equations.each, targets, strict=True):
             weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(one.inverse_energy)
             left += project_onto_measurement(
-                nearest, one.masks, one.inverse_energy, one.measured, target, multiplier is None, weighed, error_power
+                views, one.masks, one.inverse_energy, one.measured, target, weighed, error_power
             ).sum()
         progress.step(iteration + 1, residual=_relative(left, equations.each))
-        views, seen = prior(nearest if multiplier is None else nearest + multiplier, sigma)
-        if multiplier is not None:
-            multiplier += nearest - views
+        views, seen = prior(views, sigma)
         if enough is not None and enough(seen):
             break
     return interleaved(seen)
@@ -221,18 +208,18 @@ class _Equations:
     counts: Bool
 
 
-def _equations(shots: Sequence[Shot], gamma: float) -> _Equations:
+def _equations(shots: Sequence[Shot]) -> _Equations:
     if len(shots) == 1:
         (shot,) = shots
         masks = np.ascontiguousarray(shot.transmissions, np.float32)
         measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
-        inverse = _inverse_energy(masks, shot.saturated, gamma)
+        inverse = _inverse_energy(masks, shot.saturated)
         return _Equations((_Equation(masks, measured, inverse),), masks, measured, inverse > 0)
     every, read = turned(shots)
     energy = np.square(every, dtype=np.float64).sum(axis=1)
     # Of an equation that hardly counts, what it says is mostly noise.
     floor = _ENERGY_FLOOR * energy[0].mean()
-    inverse_energy = np.where(energy > _NOTHING * floor, 1.0 / (np.maximum(energy, floor) + gamma), 0.0)
+    inverse_energy = np.where(energy > _NOTHING * floor, 1.0 / np.maximum(energy, floor), 0.0)
     each = tuple(
         _Equation(masks, measured, inverse)
         for masks, measured, inverse in zip(every, read, inverse_energy.astype(np.float32), strict=True)
@@ -250,12 +237,12 @@ def _relative(left: float, equations: Sequence[_Equation]) -> float:
     return float(np.sqrt(left / max(scale, np.finfo(np.float32).tiny)))
 
 
-def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
-    """Invert the diagonal of ΦΦᵀ + γ, [H, W], damped where it is small; 0 at pixels that do not count."""
+def _inverse_energy(masks: F32, saturated: Bool | None) -> F32:
+    """Invert the diagonal of ΦΦᵀ, [H, W], damped where it is small; 0 at pixels that do not count."""
     energy = np.zeros(masks.shape[1:])
     for mask in masks:  # one by one, since memory may not hold the squares of all masks of a large shot
         energy += np.square(mask, dtype=np.float64)
-    inverse = 1.0 / (np.maximum(energy, _ENERGY_FLOOR * energy.mean()) + gamma)
+    inverse = 1.0 / np.maximum(energy, _ENERGY_FLOOR * energy.mean())
     counts = energy > 0
     if saturated is not None:
         counts &= ~saturated

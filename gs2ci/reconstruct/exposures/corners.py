@@ -27,7 +27,6 @@ _CORNERS: Final = TrackSettings(corners=400)
 _FOLLOWED_PX: Final = 5.0
 _LEAST_LIKENESS: Final = 0.75
 _PATCH_PX: Final = 5
-_EPSILON: Final = 1e-9
 
 Indices = NDArray[np.int64]
 
@@ -157,5 +156,5 @@ def _alike(stack: F32, ones: F64, others: F64) -> Bool:
         patches.append(values.reshape(len(places), -1))
     product = (patches[0] * patches[1]).sum(axis=1)
     size = np.linalg.norm(patches[0], axis=1) * np.linalg.norm(patches[1], axis=1)
-    alike: Bool = product > _LEAST_LIKENESS * np.maximum(size, _EPSILON)
+    alike: Bool = product > _LEAST_LIKENESS * np.maximum(size, np.finfo(np.float64).tiny)
     return alike

@@ -22,6 +22,7 @@ from gs2ci.core.colmap import colmap_camera, pycolmap
 from gs2ci.reconstruct.exposures.corners import Matches, followed, matched
 from gs2ci.reconstruct.exposures.pictures import MeanPicture
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
+from gs2ci.reconstruct.measurement.noise import MEDIAN_DEVIATE
 
 # A camera's place needs so many matches that agree with it, within so many px. Of proposals that 13 and more agreed
 # with none was wrong; of those with 7 to 12 a third was, and their corners were not followed.
@@ -42,7 +43,6 @@ _STEPS: Final = (0.01, 0.01, 0.01, 0.02, 0.02, 0.02, 0.05)
 # A point that comes behind the camera while a similarity is sought stays far out, and finite.
 _NEAREST: Final = 1e-3
 _FARTHEST_PX: Final = 1e4
-_SEED: Final = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def _place(matches: Matches, picture: MeanPicture) -> tuple[int, Similarity] | N
         How many matches agree, and other_from_one; None if too few agree.
     """
     options, height, width = pycolmap.AbsolutePoseEstimationOptions(), *picture.inverse_depth.shape
-    options.ransac.max_error, options.ransac.random_seed = _PLACE_PX, _SEED
+    options.ransac.max_error, options.ransac.random_seed = _PLACE_PX, 0
     options.ransac.max_num_trials = _TRIALS
     camera = colmap_camera(picture.intrinsics, (height, width))
     found: Any = pycolmap.estimate_and_refine_absolute_pose(matches.at_other, matches.one, camera, options)
@@ -145,7 +145,7 @@ def _adjusted(
 
     found = least_squares(errors, np.zeros(CHANGES), loss="soft_l1", x_scale=_STEPS)
     # Where errors are larger than foretold, so is the covariance.
-    variance = max(1.0, float(np.median(np.abs(found.fun)) / 0.6745) ** 2)
+    variance = max(1.0, float(np.median(np.abs(found.fun)) / MEDIAN_DEVIATE) ** 2)
     jacobian: F64 = np.asarray(found.jac, np.float64)
     covariance: F64 = variance * np.asarray(np.linalg.pinv(jacobian.T @ jacobian), np.float64)
     return Pair(start.changed(found.x, centre, unit), centre, unit, covariance, share, matches)

@@ -26,6 +26,7 @@ from gs2ci.reconstruct.geometry.depth.view_depths import project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.tracks.tracks import find_tracks
+from gs2ci.reconstruct.measurement.noise import MEDIAN_DEVIATE
 
 # Rounds of corners, maps and paths: each halves what the depth maps were off by.
 ROUNDS: Final = 3
@@ -39,7 +40,6 @@ _POSE_LOSS_PX: Final = 0.5
 # Inverse depths of a map stay within these multiples of those of its corners.
 _RANGE: Final = (0.5, 1.5)
 _ENDS: Final = (1.0, 99.0)
-_EPSILON: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ def _map(inverse_depth: F32, pixels: F64, depth: F64) -> F32:
     for _ in range(_FITS):
         numbers = np.asarray(np.linalg.lstsq(model * weight[:, None], known * weight, rcond=None)[0], np.float64)
         off = np.abs(known - model @ numbers)
-        spread = max(float(np.median(off)) / 0.6745, _EPSILON)
+        spread = max(float(np.median(off)) / MEDIAN_DEVIATE, float(np.finfo(np.float64).tiny))
         weight = np.asarray(1 / np.sqrt(1 + (off / (_ROBUST * spread)) ** 2), np.float64)
     far, near = np.percentile(known, _ENDS) * _RANGE
     return (numbers[0] * inverse_depth + numbers[1]).clip(far, near).astype(np.float32)

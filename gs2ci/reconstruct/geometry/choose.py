@@ -126,7 +126,7 @@ def auto(request: Request, progress: Progress) -> Geometry:
     tracks = _tracks_or_displacements(request, from_tracks(request, progress))
     say_how_found(tracks, progress)
     learned = [PathSource.VGGT] if known_model("vggt") is not None else []
-    if not staged and not learned and tracks.verdict != Verdict.UNSUPPORTED:
+    if not staged and not learned:
         return tracks
     answers += [_judged(request, tracks.source, tracks), *(_asked(request, name, progress) for name in learned)]
     standing = _standing(answers)

@@ -230,23 +230,6 @@ def initialise(
     return found
 
 
-def before_camera_at_rest(
-    views: int, size: tuple[int, int], intrinsics: F64 | None, settings: FocalSettings, note: Finding
-) -> Geometry:
-    """Return the geometry of a camera that is known to be at rest: a plane at inverse depth 1.
-
-    Args:
-        views: How many.
-        size: Height and width, px.
-        intrinsics: Camera matrix in px, [3, 3], or None to assume the default field of view, on which nothing depends.
-        settings: With the latter.
-        note: Why the camera is taken to be at rest.
-    """
-    camera = _known(intrinsics) or default_focal(size, "a camera at rest does not show it", settings)
-    flat = flat_geometry(views, size, replace(camera, notes=(note,)))
-    return replace(flat, verdict=Verdict.STATIC, source=PathSource.REST)
-
-
 def flat_geometry(views: int, size: tuple[int, int], camera: Focal) -> Geometry:
     """Return the assumption without an estimate: a camera at rest in front of a plane at inverse depth 1."""
     return Geometry(
@@ -301,7 +284,7 @@ class _Estimation:
         """Do all steps."""
         progress.step(1, tracks=len(self.tracks))
         doubts = doubts_about_tracks(self.tracks, self.size, self.settings.criteria)
-        self.flat = flat_geometry(len(self.views), self.size, _known(intrinsics) or self.focal(doubts))
+        self.flat = flat_geometry(len(self.views), self.size, known_focal(intrinsics) or self.focal(doubts))
         if doubts:
             return replace(self.flat, notes=(*self.flat.notes, *doubts, PLANE_NOTE))
         found = self.found_twice(moved=self.poses is not None)
@@ -494,7 +477,8 @@ class _Estimation:
         return times <= _CONTRADICTED
 
 
-def _known(intrinsics: F64 | None) -> Focal | None:
+def known_focal(intrinsics: F64 | None) -> Focal | None:
+    """Return the camera matrix of a file, [3, 3]; None if there is none."""
     return None if intrinsics is None else Focal(intrinsics.astype(np.float64), "file")
 
 

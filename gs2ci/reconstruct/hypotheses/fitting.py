@@ -165,7 +165,7 @@ class Fits:
             NumericsError: The first one is not finite from its first iteration on.
         """
         runs = [one.run for one in entrants]
-        sound = advance_together(runs, share, self.progress, self.halt, leader_alone=self.pace is not None)
+        sound = advance_together(runs, share, self.progress)
         self.clock.lap("fit")
         return tuple(one for one in entrants if one.run in sound)
 

@@ -85,7 +85,10 @@ class MotionQuestion:
     @property
     def speaks_for_motion(self) -> bool:
         """Get whether a moving scene should be fitted."""
-        return self.unfollowed >= _LEAST_UNFOLLOWED or (self.left is not None and speaks_for_motion(self.left))
+        by_residual = self.left is not None and (
+            self.left.explained >= _LEAST_EXPLAINED or self.left.surely >= _LEAST_SURELY
+        )
+        return by_residual or self.unfollowed >= _LEAST_UNFOLLOWED
 
 
 @dataclass(frozen=True)
@@ -203,11 +206,6 @@ def ask(holdout: Holdout, views: F32) -> LeftByMotion:
 def clearly_less(one: float | None, other: float | None) -> bool:
     """Tell whether a held-out residual is so much smaller than another that this is not chance."""
     return one is not None and other is not None and one < (1 - _LEAST_GAIN) * other
-
-
-def speaks_for_motion(left: LeftByMotion) -> bool:
-    """Tell whether motion explains enough of a residual to fit a moving scene."""
-    return left.explained >= _LEAST_EXPLAINED or left.surely >= _LEAST_SURELY
 
 
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:

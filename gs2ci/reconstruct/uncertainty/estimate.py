@@ -48,12 +48,13 @@ class PathKnown:
 
     Args:
         reference: The view whose pose is held.
-        errors: That are to be expected of it.
+        errors: That are to be expected of it: what the paths of several fits differ by, if there are.
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
         followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None without tracks.
         places: Of the cameras of all exposures that share the scene, [K, 3]; None if there are no others.
+        spread: By how much the places of cameras differ in several fits, in the unit of the path; None: there is one.
     """
 
     reference: int
@@ -62,6 +63,7 @@ class PathKnown:
     others: F64 | None = None
     followed: F64 | None = None
     places: F64 | None = None
+    spread: float | None = None
 
 
 def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
@@ -90,7 +92,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
     places = of.world_to_camera, middle_depth(seen), (turn, path.errors.turn)
-    positions, rotations = errors_of_poses(covariance, *places, given=given, everywhere=path.places)
+    positions, rotations = errors_of_poses(covariance, *places, spread=path.spread, given=given, everywhere=path.places)
     place_px = error_of_places(seen, path.reference, path.followed)
     depths = errors_of_depths(seen, place_px, path.errors.share, turn, path.others, path.errors.turn if given else 0.0)
     return Uncertainty(views, depths, positions, rotations)

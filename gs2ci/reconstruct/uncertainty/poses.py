@@ -40,6 +40,7 @@ def errors_of_poses(
     middle_depth: float,
     turns: tuple[float, float],
     *,
+    spread: float | None = None,
     given: bool,
     everywhere: F64 | None = None,
 ) -> tuple[F64, F64]:
@@ -50,7 +51,9 @@ def errors_of_poses(
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
         turns: In step with the travel, rad: that readings do not see (`unseen_turn`), common to exposures that share a
-            scene, so that those at the ends turn by more; and that by which halves of the own tracks differ.
+            scene, so that those at the ends turn by more; and that by which fits or halves of the own tracks differ.
+        spread: Of the places of several fits, in the unit of the path (root mean square), which tells by how much
+            positions err but for what no reading shows; None: there is one fit.
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
         everywhere: Places of the cameras of all exposures that share the scene, [K, 3], whose similarity it then is;
             None: there are no others.
@@ -68,12 +71,13 @@ def errors_of_poses(
     length = max(rms_of(own), _LEAST)
     if given:
         return position, np.hypot(rotation, turns[1] * own / length)
-    # Both show the one freedom: halves, where tracks leave it open more than readings do at best.
+    # Both show the one freedom: fits and halves, where they leave it open more than readings do at best.
     in_step = np.minimum(np.maximum(turns[0] * far, turns[1] * own) / length, np.pi)
     # It bends all paths as one, so that the middle errs no less than the ends.
     bend = min(turns[0] * rms_of(all_far) / length, np.pi)
     place = factors.out_of_step * middle_depth * max(*turns, bend)
-    return np.hypot(factors.position * position, place), np.hypot(factors.turn * rotation, in_step)
+    times = factors.position if spread is None else spread / max(rms_of(position), _LEAST)
+    return np.hypot(times * position, place), np.hypot(factors.turn * rotation, in_step)
 
 
 def _squares(matrix: F64) -> F64:

@@ -1,14 +1,16 @@
 """The geometry tables of a scene file: one per kind, each of which can build its scene.
 
-Here: the tables and their keys. Not here: the file around them (`files`), the building (the modules named here).
+Here: the tables; keys of a procedural scene are the keyword arguments of its function. Not here: the file around them
+(`files`), the building (the modules named here).
 """
 
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, create_model
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import ConfigTable
@@ -26,8 +28,20 @@ Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
+_PROCEDURES: Final[dict[str, Callable[..., Scene]]] = {
+    "planes": planes,
+    "boxes": boxes,
+    "moving_box": moving_box,
+    "thicket": thicket,
+    "ball": ball,
+    "corridor": corridor,
+    "textureless": textureless,
+    "blocks": blocks,
+}
+
+
 class Procedural(ConfigTable):
-    """The common settings of all procedural scenes: the other keys are arguments of the function in `_PROCEDURES`."""
+    """The settings of a procedural scene: besides these, the keyword arguments of its function in `_PROCEDURES`."""
 
     kind: str
     seed: Annotated[int, Field(ge=0)] = 0
@@ -35,75 +49,20 @@ class Procedural(ConfigTable):
 
     def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
+        make, rng = _PROCEDURES[self.kind], np.random.default_rng(self.seed)
         settings = self.model_dump(exclude={"kind", "seed"})
-        return _PROCEDURES[self.kind](np.random.default_rng(self.seed), frame, **settings)
+        if make is planes:
+            return planes(rng, frame.size, field_of_view_deg=frame.field_of_view_deg, **settings)
+        return make(rng, frame, **settings)
 
 
-class Planes(Procedural):
-    """Tilted rectangles in front of a backdrop."""
-
-    kind: Literal["planes"]
-    depths: tuple[float, ...] = (2.0, 2.7, 3.5)
-    backdrop: float = 5.0
-    boxes: Annotated[int, Field(ge=0)] = 1
-
-
-class Boxes(Procedural):
-    """Boxes on a floor."""
-
-    kind: Literal["boxes"]
-    count: int = 7
-    backdrop: float = 6.0
-
-
-class MovingBox(Procedural):
-    """A box in the air, for the effect `object_motion` to move."""
-
-    kind: Literal["moving_box"]
-    centre: Vector = (-0.4, -0.25, 3.0)
-    radius: float = 0.45
-    count: int = 3
-    backdrop: float = 6.0
-
-
-class Thicket(Procedural):
-    """Thin stems and twigs."""
-
-    kind: Literal["thicket"]
-    stems: int = 60
-    twigs: int = 3
-    width_px: tuple[float, float] = (1.2, 5.0)
-    near: float = 2.0
-    backdrop: float = 6.0
-
-
-class Ball(Procedural):
-    """A shiny ball."""
-
-    kind: Literal["ball"]
-    radius: float = 0.75
-    depth: float = 4.0
-    shine: float = 0.8
-    exponent: float = 8.0
-    backdrop: float = 6.0
-
-
-class Corridor(Procedural):
-    """A deep corridor."""
-
-    kind: Literal["corridor"]
-    half_width: float = 1.0
-    half_height: float = 0.8
-    length: float = 30.0
-
-
-class Textureless(Procedural):
-    """A small textured box in front of plain walls."""
-
-    kind: Literal["textureless"]
-    edge: float = 0.5
-    depth: float = 4.0
-    backdrop: float = 6.0
+def _table_of(kind: str) -> type[Procedural]:
+    keys: dict[str, Any] = {
+        name: (argument.annotation, argument.default)
+        for name, argument in signature(_PROCEDURES[kind]).parameters.items()
+        if argument.kind is argument.KEYWORD_ONLY and name != "field_of_view_deg"  # which is the camera's
+    }
+    return create_model(kind, __base__=Procedural, **keys | {"kind": (Literal[kind], ...)})
 
 
 class Photograph(ConfigTable):
@@ -141,20 +100,6 @@ class GaussianFile(SceneInFile):
         return scene_from_ply(folder / self.file, frame.size, intrinsics=frame.intrinsics, world_to_camera=self.pose)
 
 
-class Blocks(Procedural):
-    """Boxes and balls of textured triangles."""
-
-    kind: Literal["blocks"]
-    count: int = 6
-    balls: int = 3
-    backdrop: float = 6.0
-    shine: float = 0.0
-    """Radiance of highlights at their peak; 0 has none."""
-    exponent: float = 30.0
-    light: Vector = (-0.4, -0.8, -0.5)
-    """Direction towards the light of the highlights: right, down, ahead."""
-
-
 class MeshFile(SceneInFile):
     """Textured triangles from an OBJ, GLB, PLY or STL file."""
 
@@ -166,33 +111,11 @@ class MeshFile(SceneInFile):
         return scene_from_mesh(self.file.stem, mesh, frame.size, frame.intrinsics, self.pose)
 
 
-Geometry = Annotated[
-    Planes
-    | Boxes
-    | MovingBox
-    | Thicket
-    | Ball
-    | Corridor
-    | Textureless
-    | Blocks
-    | Photograph
-    | GaussianFile
-    | MeshFile,
-    Field(discriminator="kind"),
-]
-
-_PROCEDURES: Final[dict[str, Callable[..., Scene]]] = {
-    "planes": lambda rng, frame, **settings: planes(
-        rng, frame.size, field_of_view_deg=frame.field_of_view_deg, **settings
-    ),
-    "boxes": boxes,
-    "moving_box": moving_box,
-    "thicket": thicket,
-    "ball": ball,
-    "corridor": corridor,
-    "textureless": textureless,
-    "blocks": blocks,
-}
+if TYPE_CHECKING:
+    Geometry = Procedural | Photograph | GaussianFile | MeshFile
+else:
+    _TABLES = (*map(_table_of, _PROCEDURES), Photograph, GaussianFile, MeshFile)
+    Geometry = Annotated[Union[_TABLES], Field(discriminator="kind")]  # noqa: UP007  made of a tuple
 
 
 def refuse_field_of_view(geometry: Geometry) -> None:

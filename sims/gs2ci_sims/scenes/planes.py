@@ -6,6 +6,7 @@ Here: the arrangement. Not here: the rectangles (`rectangles`).
 from typing import Final
 
 import numpy as np
+from pydantic import NonNegativeInt
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
@@ -24,7 +25,7 @@ def planes(
     *,
     depths: tuple[float, ...] = (2.0, 2.7, 3.5),
     backdrop: float = 5.0,
-    boxes: int = 1,
+    boxes: NonNegativeInt = 1,
     field_of_view_deg: float = FIELD_OF_VIEW_DEG,
 ) -> Scene:
     """Build tilted rectangles at the given depths in front of a backdrop, with boxes among them.

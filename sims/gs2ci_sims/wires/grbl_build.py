@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import ceil, inf
 
-from gs2ci_sims.axis_motion import Mechanics
+from gs2ci.core.mechanics import Mechanics
 
 AXES = ("x", "y", "z")
 CLOCK_HZ = 16_000_000

@@ -15,7 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gs2ci_sims.axis_motion import AxisMotion, Mechanics
+from gs2ci.core.mechanics import Mechanics
+from gs2ci_sims.axis_motion import AxisMotion
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.disturbed import Disturbances
 from gs2ci_sims.wires.serial_twin import SerialTwin

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gs2ci.core.mechanics import Mechanics
 from gs2ci_drivers.failures import (
     BadReplyError,
     DeviceFaultError,
@@ -14,7 +15,6 @@ from gs2ci_drivers.failures import (
 )
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
-from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.wires.grbl_build import GrblMachine, stepped_rate_hz
 from gs2ci_sims.world import VirtualClock
 from tests.drivers.grbl_builds import FLUIDNC, GRBLHAL

@@ -2,11 +2,11 @@
 
 import pytest
 
+from gs2ci.core.mechanics import Mechanics
 from gs2ci_drivers.failures import MoveFailedError, ReferenceLostError
 from gs2ci_drivers.sweep_check import SweepCheck
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.world import VirtualClock
 from tests.twins.zaber import OddAxis, ZaberTwin
 

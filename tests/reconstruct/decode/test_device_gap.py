@@ -35,7 +35,7 @@ def test_a_projection_is_that_of_the_kernel(noisy):
     given = [torch.from_numpy(one.copy()) for one in (views, target, masks, measured, inverse)]
     there, goal, energy = projected(*given, torch.from_numpy(noise) if noisy else None, 0.4)
     none = np.zeros((0, 0, 0), np.float32)
-    rows = project_onto_measurement(views, masks, inverse, measured, target, True, noise if noisy else none, 0.4)
+    rows = project_onto_measurement(views, masks, inverse, measured, target, noise if noisy else none, 0.4)
     np.testing.assert_allclose(there.numpy(), views, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(goal.numpy(), target, rtol=1e-5, atol=1e-6)
     assert float(energy) == pytest.approx(rows.sum(), rel=1e-6)

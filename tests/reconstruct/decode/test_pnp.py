@@ -16,29 +16,22 @@ def halfway(views, sigma):
 
 
 def reference(shot, settings):
-    """Both schemes as their papers state them, float64, for pixels that some binary mask opens."""
+    """The scheme as its paper states it, float64, for pixels that some binary mask opens."""
     masks, y = shot.masks.astype(float)[:, None], shot.measurement.astype(float).transpose(2, 0, 1)
     energy = (masks**2).sum(0)
     views = np.repeat((y / masks.sum(0))[None], len(masks), axis=0) if settings.begin == "average" else masks * y
-    y1, b = np.zeros_like(y), np.zeros_like(views)
+    y1 = np.zeros_like(y)
     for sigma in np.repeat(settings.sigmas, settings.iterations):
-        if settings.scheme == "gap":
-            predicted = (masks * views).sum(0)
-            y1 = y1 + (y - predicted)
-            views = halfway(views + masks * (y1 - predicted) / energy, sigma)
-        else:
-            shifted = views - b
-            x = shifted + masks * (y - (masks * shifted).sum(0)) / (energy + settings.gamma)
-            views = halfway(x + b, sigma)
-            b = b + x - views
+        predicted = (masks * views).sum(0)
+        y1 = y1 + (y - predicted)
+        views = halfway(views + masks * (y1 - predicted) / energy, sigma)
     return views.transpose(0, 2, 3, 1)
 
 
-@pytest.mark.parametrize("scheme", ["gap", "admm"])
 @pytest.mark.parametrize(("channels", "begin"), [(1, "average"), (3, "average"), (1, "transpose")])
-def test_each_scheme_is_that_of_its_paper(make_shot, scheme, channels, begin):
+def test_the_scheme_is_that_of_its_paper(make_shot, channels, begin):
     shot = opened(make_shot(channels=channels))
-    settings = PlugAndPlaySettings(scheme, sigmas=(0.3, 0.1), iterations=4, begin=begin)
+    settings = PlugAndPlaySettings(sigmas=(0.3, 0.1), iterations=4, begin=begin)
     np.testing.assert_allclose(plug_and_play(shot, halfway, settings), reference(shot, settings), atol=2e-5)
 
 
@@ -99,21 +92,13 @@ def test_weighed_noise_is_not_taken_into_the_views(make_shot):
     assert error[0] < 0.7 * error[1]
 
 
-def test_admm_does_not_weigh_noise(make_shot):
-    shot = make_shot()
-    with pytest.raises(InputError, match="noise weighed by admm") as caught:
-        plug_and_play(shot, halfway, PlugAndPlaySettings("admm"), noise=ReadingNoise(shot.measurement, float))
-    assert caught.value.allowed == "scheme gap, or no noise"
-
-
-@pytest.mark.parametrize("scheme", ["gap", "admm"])
 @pytest.mark.parametrize("denoise", [TotalVariation(), NonLocalMeans()])
 @pytest.mark.parametrize("kind", ["mono", "rgb", "mosaic", "grey"])
-def test_views_come_closer_to_the_truth_than_their_average(make_shot, scheme, denoise, kind):
+def test_views_come_closer_to_the_truth_than_their_average(make_shot, denoise, kind):
     shot = make_shot(
         channels=3 if kind == "rgb" else 1, slide=0.4, cfa="RGGB" if kind == "mosaic" else None, grey=kind == "grey"
     )
-    settings = PlugAndPlaySettings(scheme, iterations=5)
+    settings = PlugAndPlaySettings(iterations=5)
     views = plug_and_play(shot, denoise, settings)
     truth = shot.truth.views
     assert views.shape == truth.shape
@@ -122,8 +107,7 @@ def test_views_come_closer_to_the_truth_than_their_average(make_shot, scheme, de
     assert np.mean(psnr_per_view(views, truth)) > np.mean(psnr_per_view(average, truth)) + gain
 
 
-@pytest.mark.parametrize("scheme", ["gap", "admm"])
-def test_saturated_and_closed_pixels_cannot_spoil_the_views(make_shot, scheme):
+def test_saturated_and_closed_pixels_cannot_spoil_the_views(make_shot):
     saturated = np.zeros((32, 40), bool)
     saturated[5:8, 5:8] = True
     clean = make_shot(saturated=saturated)
@@ -132,7 +116,7 @@ def test_saturated_and_closed_pixels_cannot_spoil_the_views(make_shot, scheme):
     spoilt = measured.copy()
     spoilt[saturated] = 1e6
     spoilt[20:22, 20:22] = 1e6
-    settings = PlugAndPlaySettings(scheme, iterations=3)
+    settings = PlugAndPlaySettings(iterations=3)
     views = [
         plug_and_play(type(clean)(y, masks, clean.weights, saturated=saturated).check(), TotalVariation(), settings)
         for y in (measured, spoilt)
@@ -187,13 +171,11 @@ def test_a_denoiser_that_changes_the_shape_is_named(make_shot):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"scheme": "gapp"},
         {"begin": "zero"},
         {"sigmas": ()},
         {"sigmas": (0.1, 0.0)},
         {"sigmas": (np.nan,)},
         {"iterations": 0},
-        {"gamma": 0},
     ],
 )
 def test_settings_that_make_no_sense_are_refused(make_shot, wrong):

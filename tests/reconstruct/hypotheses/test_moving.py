@@ -299,8 +299,7 @@ def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
     [(0.02, 0.0, True), (0.003, 0.05, False), (0.003, 0.1, True), (0.0, 0.0, False)],
 )
 def test_a_residual_speaks_for_motion_by_what_it_explains_or_by_many_blocks(explained, surely, speaks):
-    left = LeftByMotion(explained, surely)
-    assert moving.speaks_for_motion(left) is MotionQuestion(left).speaks_for_motion is speaks
+    assert MotionQuestion(LeftByMotion(explained, surely)).speaks_for_motion is speaks
 
 
 @pytest.mark.parametrize(("share", "speaks"), [(0.0, False), (0.02, False), (0.04, True)])

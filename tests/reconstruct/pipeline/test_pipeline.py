@@ -127,11 +127,6 @@ def test_most_values_lie_within_two_standard_errors_and_err_more_where_these_are
     assert np.array_equal(errors.depth > 0, found.result.depth > 0)
 
 
-def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_briefly, monkeypatch):
-    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
-    assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
-
-
 def test_kernels_are_called_with_the_types_that_they_declare(briefly):
     """Else `gs2ci compile` compiles what nobody calls, and the first call compiles once more."""
     assert briefly[1] == []

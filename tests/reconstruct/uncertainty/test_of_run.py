@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
@@ -12,7 +13,7 @@ from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def known(given=False, expected=None, poses=None, others=None, places=None):
+def known(given=False, expected=None, poses=None, others=None, places=None, fits=()):
     poses = path(6) if poses is None else poses
     geometry = SimpleNamespace(
         has_path=True,
@@ -23,11 +24,10 @@ def known(given=False, expected=None, poses=None, others=None, places=None):
         path_errors=None if expected is None else PathErrors(expected, 0.01),
         followed=np.zeros((1, 6, 2)),
     )
-    ensemble = SimpleNamespace(best=SimpleNamespace(world_to_camera=poses))
+    fitted = [SimpleNamespace(world_to_camera=one) for one in (poses, *fits)]
+    ensemble = SimpleNamespace(best=fitted[0], others=tuple(fitted[1:]))
     found = of_run._path(geometry, ensemble, others, places)
     assert found.followed is geometry.followed
-    told = 0.002 if given and found.errors.share != expected else 0.0 if expected is None else 0.01
-    assert found.errors.turn == told
     assert found.places is places
     return found
 
@@ -42,13 +42,28 @@ def test_other_exposures_tell_of_depths_along_given_poses_alone(given):
 
 
 @pytest.mark.parametrize(
-    ("asked", "error"),
+    ("asked", "error", "turn"),
     [
-        ({"expected": 0.05}, 0.05),
-        ({}, factors.path_not_judged),
-        ({"given": True}, 0.1),
-        ({"given": True, "expected": 0.05, "poses": path(6, (0, 0, 0))}, 0.05),
+        ({"expected": 0.05}, 0.05, 0.01),
+        ({}, factors.path_not_judged, 0.0),
+        ({"given": True}, 0.1, 0.002),
+        ({"given": True, "expected": 0.05, "poses": path(6, (0, 0, 0))}, 0.05, 0.01),
     ],
 )
-def test_the_error_of_a_path_is_that_of_who_judged_it(asked, error):
-    assert known(**asked).errors.share == pytest.approx(error)
+def test_the_error_of_a_path_is_that_of_who_judged_it(asked, error, turn):
+    found = known(**asked)
+    assert found.errors.share == pytest.approx(error)
+    assert found.errors.turn == turn
+    assert found.spread is None
+
+
+def test_of_several_fits_the_spread_tells_and_halves_of_the_tracks_that_they_left_do_not():
+    turned, bent = path(6), path(6)
+    turned[-1, :3, :3] = Rotation.from_rotvec([0, 0.03, 0]).as_matrix()
+    bent[:, 1, 3] += [0, 0.01, 0, -0.01, 0, 0.01]
+    assert known(expected=0.05, fits=(turned,)).errors.turn == pytest.approx(0.03 * np.sqrt(5) / 6, rel=1e-3)
+    found = known(expected=0.05, fits=(bent,))
+    assert found.errors.turn == 0
+    assert 0.003 < found.spread < 0.01
+    assert found.errors.share == pytest.approx(found.spread / 0.2)
+    assert known(given=True, fits=(bent,)).spread is None

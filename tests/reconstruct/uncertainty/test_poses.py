@@ -54,6 +54,16 @@ def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_wit
     assert np.square(found[1]).mean() == pytest.approx(np.square(factors.turn * given[1]).mean() + 1e-6)
 
 
+def test_where_fits_differ_positions_err_by_that_and_by_the_turn_that_no_reading_shows():
+    poses, covariance = bent(), np.diag(np.linspace(1, 2, 42) * 1e-8)
+    one, several = (
+        errors_of_poses(covariance, poses, 2.0, (1e-3, 0.0), spread=spread, given=False) for spread in (None, 0.05)
+    )
+    assert np.square(several[0]).mean() == pytest.approx(0.05**2 + (factors.out_of_step * 2e-3) ** 2)
+    assert np.argmax(several[0]) == np.argmax(one[0])
+    assert np.array_equal(several[1], one[1])
+
+
 def test_given_poses_turn_with_the_travel_as_far_as_the_stage_states():
     poses, covariance = bent(), 1e-8 * np.eye(42)
     sure, unsure = (errors_of_poses(covariance, poses, 2.0, (1e-3, turn), given=True) for turn in (0.0, 1e-2))

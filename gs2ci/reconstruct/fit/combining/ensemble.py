@@ -10,12 +10,10 @@ Here: how fits are made to differ, how they run at the same time, and how their 
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
-from functools import partial
-from itertools import takewhile
 from typing import Final
 
 import numba
@@ -26,7 +24,6 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.run_figures import EnsembleSection
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
@@ -97,9 +94,6 @@ def advance_together(
     runs: Sequence[CoarseRun],
     share: float,
     progress: Progress,
-    halt: Halt | None = None,
-    *,
-    leader_alone: bool = False,
 ) -> tuple[CoarseRun, ...]:
     """Continue fits at the same time, each on its share of the threads, until a share of their schedules is done.
 
@@ -109,8 +103,6 @@ def advance_together(
         runs: At least one; the first one is the leader.
         share: Of each one's schedule.
         progress: Receives the leader's steps.
-        halt: A request to end early, which the fits heed; if they run in turn, none starts after it was made.
-        leader_alone: Whether only the leader runs if fits cannot run at the same time, as within a budget.
 
     Returns:
         The leader, then the others in their order, without any whose numbers were not finite.
@@ -123,8 +115,6 @@ def advance_together(
     if not others:
         leader.advance(share, progress)
         return (leader,)
-    if not _kernels_run_in_threads():
-        return _one_after_another(runs, share, progress, halt or Halt(), leader_alone=leader_alone)
     threads = numba.get_num_threads()
     each = max(1, threads // len(runs))
     stop = threading.Event()
@@ -140,44 +130,20 @@ def advance_together(
             numba.set_num_threads(max(1, threads - each * len(others)))
             leader.advance(share, progress)
             progress.stage("other fits")
-            ended = [(run, future.result) for run, future in zip(others, running, strict=True)]
-            return (leader, *_sound(ended, progress))
+            return (leader, *(run for run, ends in zip(others, running, strict=True) if _is_sound(ends, progress)))
         finally:
             stop.set()
             numba.set_num_threads(threads)
 
 
-def _kernels_run_in_threads() -> bool:
-    """Tell whether kernels may be called from several threads at once; Numba's own work queue would end the process."""
+def _is_sound(companion: Future[None], progress: Progress) -> bool:
+    """Wait for a companion; return False, and say so, if its numbers were not finite."""
     try:
-        return bool(numba.threading_layer() != "workqueue")
-    except ValueError:  # no kernel has run yet, so the layer is not known
+        companion.result()
+    except NumericsError as error:
+        progress.say(f"One of the further fits failed and is left out: {error.problem}.")
         return False
-
-
-def _one_after_another(
-    runs: Sequence[CoarseRun], share: float, progress: Progress, halt: Halt, *, leader_alone: bool
-) -> tuple[CoarseRun, ...]:
-    """Continue the fits in turn."""
-    if leader_alone:
-        runs = runs[:1]
-        progress.say("Without OpenMP, fits cannot run side by side: a budget allows only one.")
-    runs[0].advance(share, progress)
-    others = ((run, partial(run.advance, share, Silent())) for run in runs[1:])
-    return (runs[0], *_sound(takewhile(lambda _: not halt.asked, others), progress))
-
-
-def _sound(companions: Iterable[tuple[CoarseRun, Callable[[], None]]], progress: Progress) -> list[CoarseRun]:
-    """Return companions, run here or waited for, without those whose numbers were not finite."""
-    found = []
-    for companion, wait in companions:
-        try:
-            wait()
-        except NumericsError as error:
-            progress.say(f"One of the further fits failed and is left out: {error.problem}.")
-        else:
-            found.append(companion)
-    return found
+    return True
 
 
 class _Stopped(Exception):  # noqa: N818 - ends a thread whose result is no longer wanted; not an error

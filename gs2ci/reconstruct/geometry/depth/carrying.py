@@ -1,54 +1,18 @@
-"""Depth maps carried to other poses, and positions of a view warped to the middle view, the inner loop of `evidence`.
+"""Positions of a view warped to the middle view, the inner loop of `evidence`.
 
-For the latter a point's position in the middle view and the depth there depend on each other. The motion is small, so
+A point's position in the middle view and the depth there depend on each other. The motion is small, so
 that a few steps of fixed-point iteration are enough. Not here: sampling at these positions, and its use.
 """
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import in_camera
 from gs2ci.core.kernels import EXACT, f32_2, f64_1, f64_2, kernel
-from gs2ci.core.lens import pixel_centres, places_of, rays_of
 from gs2ci.reconstruct.geometry.path.adjustment_kernels import LEAST_RELATIVE_DEPTH
-from gs2ci.render.conventions import NEAR
 
 _STEPS = 4
 # Coordinates are limited to this distance outside, beyond which OpenCV's fixed point would overflow.
 _OUTSIDE_PX = 1e4
-
-
-@dataclass(frozen=True, eq=False)
-class DepthCamera:
-    """A camera that carries depth maps from one pose to another.
-
-    Args:
-        intrinsics: Camera matrix in px, [3, 3]; pixel centres at +0.5.
-        distortion: Of its lens, [5]; None for a pinhole.
-        size: Height and width, px.
-    """
-
-    intrinsics: F64
-    distortion: F64 | None
-    size: tuple[int, int]
-
-    def carried(self, depth: F64, moved: F64) -> tuple[F64, F64]:
-        """Carry a depth map, [H, W], to a camera moved by [4, 4]: places there, [H, W, 2] px, and depths there.
-
-        Not a number where there is no depth, or where a point lies behind that camera.
-        """
-        points = in_camera(self.rays * depth[..., None], moved)
-        ahead = np.where(points[..., 2] > NEAR, points[..., 2], np.nan)
-        slopes = points[..., :2] / ahead[..., None]
-        return places_of(slopes, self.intrinsics, self.distortion), ahead
-
-    @cached_property
-    def rays(self) -> F64:
-        """Get the points at depth 1 that pixels see, [H, W, 3]."""
-        return rays_of(pixel_centres(self.size), self.intrinsics, self.distortion)
 
 
 def carried_places(places: F64, inverse_depth: F32, pose: F64, intrinsics: F64, rays_of_pixels: F64) -> F32:

@@ -141,7 +141,7 @@ def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> Pa
         return None
     found = [again(half) for half in _halves(group)]
     far = np.mean([squared_distance(camera_centres(poses), centres) for poses in found])
-    turned = np.mean([_squared_turn(poses, path) for poses in found])
+    turned = np.mean([squared_turn(poses, path) for poses in found])
     return PathErrors(float(np.sqrt(far)) / extent, float(np.sqrt(turned)))
 
 
@@ -161,7 +161,7 @@ def squared_distance(centres: F64, path: F64) -> float:
     return max(whole - float(values.sum()) ** 2 / spread, 0.0) / len(path)
 
 
-def _squared_turn(poses: F64, path: F64) -> float:
+def squared_turn(poses: F64, path: F64) -> float:
     """Get the mean squared angle between the cameras of two paths, after the turn that all have in common, rad²."""
     between = Rotation.from_matrix(poses[:, :3, :3].transpose(0, 2, 1) @ path[:, :3, :3])
     return float(np.square((between * between.mean().inv()).magnitude()).mean())

@@ -14,8 +14,9 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.foreign.camera_files import CameraFile, read_cameras
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.initialise import Geometry, flat_geometry, initialise, known_focal, measured
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
+from gs2ci.reconstruct.geometry.path.focal import default_focal
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources.direct import swept_along
@@ -75,10 +76,13 @@ def from_rest(request: Request, progress: Progress) -> Geometry:
     """Return a camera at rest, as the user says: no path, and no depth."""
     progress.stage("geometry", 1)
     note = finding(Code.CAMERA_GIVEN_AT_REST)
-    found = before_camera_at_rest(len(request.views), request.size, request.intrinsics, request.settings.focal, note)
+    why, focal = "a camera at rest does not show it", request.settings.focal
+    # Nothing depends on the field of view.
+    camera = known_focal(request.intrinsics) or default_focal(request.size, why, focal)
+    found = flat_geometry(len(request.views), request.size, replace(camera, notes=(note,)))
     progress.step(1)
     progress.say(note.sentence)
-    return found
+    return replace(found, verdict=Verdict.STATIC, source=PathSource.REST)
 
 
 def from_wide(request: Request, progress: Progress) -> Geometry:

@@ -9,7 +9,6 @@ import torch
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
-from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
@@ -49,20 +48,13 @@ class Run:
         self.fit = self.fit_one(self.member, progress)
 
 
-def together(fit_one, beginnings, listener, halt=None, **how):
+def together(fit_one, beginnings, listener):
     runs = [Run(member, fit_one) for member in beginnings]
-    return [run.fit for run in advance_together(runs, 1.0, listener, halt, **how)]
+    return [run.fit for run in advance_together(runs, 1.0, listener)]
 
 
 def number(member, beginnings):
     return [each.seed for each in beginnings].index(member.seed)
-
-
-@pytest.fixture(params=["omp", "workqueue"])
-def layer(request, monkeypatch):
-    """Where fits run side by side, and where they have to run in turn."""
-    monkeypatch.setattr(numba, "threading_layer", lambda: request.param)
-    return request.param
 
 
 def test_the_first_begins_as_it_is_and_the_others_within_a_gaussians_size_of_it(scattered):
@@ -96,12 +88,12 @@ def test_beginnings_of_no_gaussians_are_empty(scattered):
     assert [len(member.start) for member in members(scattered(0), RULES, 3, 0)] == [0, 0, 0]
 
 
-def test_fits_come_back_in_their_order_whichever_ends_first(layer, scattered):
+def test_fits_come_back_in_their_order_whichever_ends_first(scattered):
     beginnings = members(scattered(2), RULES, 3, 0)
     last_ended = threading.Event()
 
     def fit_one(member, progress):
-        if member is beginnings[1] and layer == "omp":
+        if member is beginnings[1]:
             assert last_ended.wait(HANG_S)
         if member is beginnings[2]:
             last_ended.set()
@@ -111,8 +103,7 @@ def test_fits_come_back_in_their_order_whichever_ends_first(layer, scattered):
     assert [float(fit.views[0, 0, 0, 0]) for fit in found] == [0.0, 1.0, 2.0]
 
 
-def test_they_share_the_threads_and_give_them_back(scattered, monkeypatch):
-    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
+def test_they_share_the_threads_and_give_them_back(scattered):
     before, seen = numba.get_num_threads(), {}
     beginnings = members(scattered(2), RULES, 2, 0)
 
@@ -126,7 +117,7 @@ def test_they_share_the_threads_and_give_them_back(scattered, monkeypatch):
     assert numba.get_num_threads() == before
 
 
-def test_a_companion_whose_numbers_run_away_is_left_out_and_told(layer, scattered):
+def test_a_companion_whose_numbers_run_away_is_left_out_and_told(scattered):
     beginnings, listener = members(scattered(2), RULES, 3, 0), Listener()
 
     def fit_one(member, progress):
@@ -141,8 +132,7 @@ def test_a_companion_whose_numbers_run_away_is_left_out_and_told(layer, scattere
     ]
 
 
-def test_an_error_of_the_leader_ends_its_companions(scattered, monkeypatch):
-    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
+def test_an_error_of_the_leader_ends_its_companions(scattered):
     beginnings = members(scattered(2), RULES, 2, 0)
     iterations = []
 
@@ -159,7 +149,7 @@ def test_an_error_of_the_leader_ends_its_companions(scattered, monkeypatch):
     assert len(iterations) < 10**6
 
 
-def test_every_other_error_of_a_companion_is_raised(layer, scattered):
+def test_every_other_error_of_a_companion_is_raised(scattered):
     beginnings = members(scattered(2), RULES, 2, 0)
 
     def fit_one(member, progress):
@@ -169,43 +159,6 @@ def test_every_other_error_of_a_companion_is_raised(layer, scattered):
 
     with pytest.raises(InputError, match="a seed of -1"):
         together(fit_one, beginnings, Listener())
-
-
-def test_within_a_deadline_fits_that_cannot_run_side_by_side_are_one(scattered, monkeypatch):
-    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
-    listener = Listener()
-
-    def fit_one(member, progress):
-        return fit_of(np.zeros((1, 2, 2, 3)))
-
-    assert len(together(fit_one, members(scattered(2), RULES, 3, 0), listener, leader_alone=True)) == 1
-    assert "a budget allows only one" in listener.sentences[0]
-
-
-def test_where_fits_run_in_turn_none_begins_after_it_was_asked_to_halt(scattered, monkeypatch):
-    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
-    halt = Halt()
-    halt.begin()
-
-    def fit_one(member, progress):
-        halt.ask()
-        return fit_of(np.zeros((1, 2, 2, 3)))
-
-    assert len(together(fit_one, members(scattered(2), RULES, 3, 0), Listener(), halt)) == 1
-
-
-def test_before_any_kernel_has_run_nobody_knows_and_fits_run_in_turn(scattered, monkeypatch):
-    def unknown():
-        raise ValueError("Threading layer is not initialized.")
-
-    monkeypatch.setattr(numba, "threading_layer", unknown)
-    main = threading.current_thread()
-
-    def fit_one(member, progress):
-        assert threading.current_thread() is main
-        return fit_of(np.zeros((1, 2, 2, 3)))
-
-    assert len(together(fit_one, members(scattered(2), RULES, 2, 0), Listener())) == 2
 
 
 @pytest.fixture

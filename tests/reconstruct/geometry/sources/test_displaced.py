@@ -13,7 +13,8 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.initialise import GeometrySettings, before_camera_at_rest
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings, flat_geometry
+from gs2ci.reconstruct.geometry.path.focal import Focal
 from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
@@ -186,7 +187,7 @@ def request_for(small, expose):
 
 
 def without_path(request):
-    found = before_camera_at_rest(VIEWS, request.size, request.shot.intrinsics, QUICK.focal, displaced_note())
+    found = flat_geometry(VIEWS, request.size, Focal(request.shot.intrinsics, "file", (displaced_note(),)))
     return replace(found, source="tracks")
 
 
