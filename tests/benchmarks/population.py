@@ -55,12 +55,12 @@ def _readings(most: int) -> dict[str, CoarseSettings]:
     assert isinstance(paper.density, Osgr)
     return {
         "paper": paper,
-        "divided gradients": replace(paper, per_open_share=True),
+        "comparable gradients": replace(paper, comparable_gradients=True),
         "removal at 0.005": replace(paper, density=replace(paper.density, criteria=Classic())),
         "budget after others": replace(paper, density=replace(paper.density, ranked_first=False)),
         "no opacity splits": replace(paper, density=replace(paper.density, opacity_splits=False)),
         "adc": replace(paper, density=adc(Classic.of_nerfstudio()), loss=replace(paper.loss, opacity=0.0)),
-        "before": replace(paper, per_open_share=True, density=Osgr()),
+        "before": replace(paper, comparable_gradients=True, density=Osgr()),
     }
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gs2ci.core.mechanics import Mechanics
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot
 from gs2ci.rig.config import WorldTable
@@ -12,6 +13,7 @@ from gs2ci.rig.simulated import build_bench, with_typical_devices
 from gs2ci_drivers.failures import ReferenceLostError
 from gs2ci_sims.idealisations import IDEALISATIONS, typical
 from gs2ci_sims.rig_file import effects_from_tables
+from gs2ci_sims.stated import Stated
 
 RIG = """
 [modulator]
@@ -65,6 +67,12 @@ def test_a_switch_is_a_key_of_the_rig_file_whose_default_is_the_ideal(one):
         assert getattr(WorldTable(), name) == one.ideal
         if one.typical is not None:
             assert getattr(WorldTable(**{name: one.typical}), name) == one.typical != one.ideal
+
+
+def test_the_mechanics_of_an_axis_are_perfect_unless_the_file_says_otherwise():
+    stated = Stated(WorldTable(mechanics={"x": Mechanics(scale=1.01)}))
+    assert stated.mechanics("x") == Mechanics(scale=1.01) != Mechanics()
+    assert stated.mechanics("y") == Stated().mechanics("x") == Mechanics()
 
 
 def test_typical_devices_are_what_the_list_says_and_only_those_that_the_rig_has(rig_with):

@@ -1,4 +1,4 @@
-"""Reading .mat of version 5 to 7.2: numeric arrays and texts, nothing else.
+"""Reading .mat of version 5 to 7.2: numeric arrays and texts, also in the fields of a struct, nothing else.
 
 Why not scipy.io: its compiled reader trusts the type codes it finds, and damaged files kill the process instead of
 raising (`python -m tests.benchmarks by_hand`). The part of the format that a measurement needs is small: elements of a
@@ -8,7 +8,7 @@ type, a length and data, arrays as elements of flags, sizes, name and numbers (M
 import math
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,7 +58,7 @@ _OTHER_CLASSES: Final = {
     16: "function",
     17: "object",
 }
-_CHAR, _OPAQUE = 4, 17
+_STRUCT, _CHAR, _OPAQUE = 2, 4, 17
 _COMPLEX, _LOGICAL = 0x0800, 0x0200
 # Flags, sizes and name of an array fit in here; more is only unpacked to load it.
 _HEAD_BYTES: Final = 4096
@@ -85,11 +85,19 @@ class _Matrix:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where an array lies in the file: the position and number of its (maybe compressed) bytes."""
+    """Where an array lies in the file.
+
+    Args:
+        at: Position of its bytes, or of those of the struct of which it is a field.
+        count: Number of these (maybe compressed) bytes.
+        compressed: Whether they are.
+        within: Where among the unpacked bytes of the struct its own begin and end; None: it is no field.
+    """
 
     at: int
     count: int
     compressed: bool
+    within: tuple[int, int] | None = None
 
 
 def read_mat5(path: Path) -> Container:
@@ -113,12 +121,13 @@ def read_mat5(path: Path) -> Container:
             at = place.at + count
             if not matrix.name:
                 continue  # MATLAB's own notes on functions and objects
-            if matrix.name in entries:
-                raise InputError(f"{path}: variable {matrix.name!r} is there twice", remedy="save it again")
-            if len(entries) >= ENTRY_LIMIT:
-                raise InputError(f"{path}: too many variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
-            entries[matrix.name] = _entry(path, matrix, place)
-            places[matrix.name] = place
+            for one, where in _fields(path, matrix, place, order) or [(matrix, place)]:
+                if one.name in entries:
+                    raise InputError(f"{path}: variable {one.name!r} is there twice", remedy="save it again")
+                if len(entries) >= ENTRY_LIMIT:
+                    raise InputError(f"{path}: too many variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
+                entries[one.name] = _entry(path, one, where)
+                places[one.name] = where
     return Container(path, entries, lambda key: _load(path, places[key], order))
 
 
@@ -154,6 +163,26 @@ def _describe(head: bytes, order: str) -> _Matrix:
     return _Matrix(head[name_at : name_at + count].decode("latin-1"), shape, kind, flags, at)
 
 
+def _fields(path: Path, struct_: _Matrix, place: _Place, order: str) -> list[tuple[_Matrix, _Place]]:
+    """Describe the fields of a single struct, under names as STRUCT/FIELD; of anything else none."""
+    if struct_.kind != _STRUCT or math.prod(struct_.shape) != 1:
+        return []
+    data = _unpacked(path, place)
+    _, length_at, _, at = _element(data, struct_.data_at, order)
+    (length,) = struct.unpack_from(order + "i", data, length_at)
+    _, names_at, count, at = _element(data, at, order)
+    found = []
+    for start in range(names_at, names_at + count, length):
+        name = data[start : start + length].split(b"\0")[0].decode("latin-1")
+        code, begin, size, at = _element(data, at, order)
+        if code != _MATRIX or begin + size > len(data):
+            raise ValueError("a field of a struct expected")
+        if size:  # an empty array may be left out
+            field = _describe(data[begin : begin + min(size, _HEAD_BYTES)], order)
+            found.append((replace(field, name=f"{struct_.name}/{name}"), replace(place, within=(begin, begin + size))))
+    return found
+
+
 def _element(data: bytes, at: int, order: str) -> tuple[int, int, int, int]:
     """Read an element's tag: type, position and number of its bytes, position of the next element."""
     code, count = struct.unpack_from(order + "II", data, at)
@@ -180,13 +209,19 @@ def _entry(path: Path, matrix: _Matrix, place: _Place) -> ArrayEntry:
     return ArrayEntry(matrix.shape, "number")
 
 
-def _load(path: Path, place: _Place, order: str) -> NDArray[Any]:
+def _unpacked(path: Path, place: _Place) -> bytes:
+    """Return the bytes of an array, without compression."""
     with path.open("rb") as stream:
         stream.seek(place.at)
         data = stream.read(place.count)
     if place.compressed:
         unpacked = zlib.decompressobj().decompress(data, min(LIMIT_BYTES + 2**16, DEFLATE_LIMIT * len(data)))
         data = unpacked[8:]
+    return data[slice(*place.within)] if place.within else data
+
+
+def _load(path: Path, place: _Place, order: str) -> NDArray[Any]:
+    data = _unpacked(path, place)
     matrix = _describe(data, order)
     code, at, count, _ = _element(data, matrix.data_at, order)
     stored = np.dtype(order + _STORED[code])

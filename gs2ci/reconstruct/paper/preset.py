@@ -42,7 +42,7 @@ def paper_settings() -> Settings:
         most_gaussians=MOST_GAUSSIANS,
         cap_from=7_000 / _ITERATIONS,
         surfaces=None,
-        per_open_share=False,
+        comparable_gradients=False,
         loss=LossWeights(similarity=0.1, opacity=0.01),
         steps=steps,
         poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5, unit="path cube", given_weight=0.0),

@@ -5,7 +5,8 @@ wrong one, the last views come first and this no longer holds; it holds for the 
 between the distance of two decoded views and their distance in time is compared for all starts. It is the same for a
 reversed sequence, so the direction of time is not determined. No other order is tried, since a camera that trembles or
 moves to and fro passes the same positions out of order. In that case no start has a high rank correlation, and nothing
-is concluded.
+is concluded. Nor is it from a path that returns to where it began, of which every start is as good: between the two
+views that would be the last and the first, a path that does not return has a jump.
 
 Here: the start, and how sure it is. Not here: the correction (`register`).
 """
@@ -59,8 +60,8 @@ def find_beginning(views: F32) -> Beginning | None:
         views: Decoded without any coupling between consecutive ones, [N, H, W, C].
 
     Returns:
-        The start with the highest rank correlation; None for fewer than `LEAST_VIEWS` views, or if all are alike or one
-        is not finite.
+        The start with the highest rank correlation, or the given one if there is no jump at the other; None for fewer
+        than `LEAST_VIEWS` views, or if all are alike or one is not finite.
     """
     count = len(views)
     if count < LEAST_VIEWS or not np.isfinite(views).all():
@@ -76,4 +77,7 @@ def find_beginning(views: F32) -> Beginning | None:
         order = (np.arange(count) + first) % count
         found.append(float(np.corrcoef(ranks(distances[order[one], order[other]]), apart)[0, 1]))
     best = int(np.argmax(found))
+    consecutive = np.median(distances[np.arange(count - 1), np.arange(1, count)])
+    if distances[best - 1, best] <= (consecutive + np.median(distances[one, other])) / 2:
+        best = 0
     return Beginning(best, count, found[best], found[0])

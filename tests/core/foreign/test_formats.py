@@ -19,6 +19,7 @@ from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.opening import open_foreign
 from gs2ci.core.foreign.options import ImportOptions
+from gs2ci.core.foreign.roles import names_of
 from gs2ci.core.storage import write_shots
 
 
@@ -38,6 +39,8 @@ SAVERS = {
     "npz deflated": np.savez_compressed,
     "mat": lambda path, **arrays: scipy_io.savemat(path, arrays),
     "mat deflated": lambda path, **arrays: scipy_io.savemat(path, arrays, do_compression=True),
+    "mat of a struct": lambda path, **arrays: scipy_io.savemat(path, {"s": arrays}),
+    "mat of a struct, deflated": lambda path, **arrays: scipy_io.savemat(path, {"s": arrays}, do_compression=True),
     "mat73": save_mat73,
 }
 
@@ -167,7 +170,7 @@ def test_python_objects_are_never_loaded(tmp_path):
 def test_other_things_than_numbers_are_named(tmp_path):
     odd = {
         "cell": np.array([["a", 1]], object),
-        "struct": {"x": 1},
+        "struct": np.array([(1.0,), (2.0,)], [("x", "f8")]),
         "complex": np.ones((2, 2)) * 1j,
         "text": "abc",
         "sparse": __import__("scipy.sparse").sparse.csc_array(np.eye(3)),
@@ -183,6 +186,29 @@ def test_other_things_than_numbers_are_named(tmp_path):
     for key, word in (("meas", "complex128"), ("named", "values")):
         with pytest.raises(InputError, match=word):
             open_foreign(tmp_path / "a.npz").load(key)
+
+
+def test_fields_of_a_struct_lie_beside_variables(tmp_path):
+    """As version 7.3 names them; a variable goes before a field of its name, and fields of fields are not read."""
+    inner = {"meas": np.ones((2, 3)), "note": "abc", "flag": np.array([[True, False]]), "deep": {"x": 1}, "none": []}
+    scipy_io.savemat(tmp_path / "a.mat", {"para": inner, "meas": np.zeros((2, 3))})
+    container = open_foreign(tmp_path / "a.mat")
+    assert set(container.entries) == {"meas", *(f"para/{name}" for name in inner)}
+    assert container.load("para/meas").values.tolist() == np.ones((2, 3)).tolist()
+    assert container.load("para/flag").values.dtype == bool
+    assert container.text("para/note") == "abc"
+    assert names_of(container)["meas"] == "meas"
+    with pytest.raises(InputError, match="key 'para/deep': holds a MATLAB struct"):
+        container.load("para/deep")
+
+
+def test_a_struct_whose_fields_are_none_is_refused(tmp_path):
+    scipy_io.savemat(tmp_path / "a.mat", {"s": {"x": np.ones(3)}})
+    stored = (tmp_path / "a.mat").read_bytes()
+    for at in (stored.index(struct.pack("<II", 14, 72)), stored.rindex(struct.pack("<I", 14))):
+        (tmp_path / "b.mat").write_bytes(stored[:at] + struct.pack("<I", 9) + stored[at + 4 :])
+        with pytest.raises(InputError, match="a field of a struct expected"):
+            open_foreign(tmp_path / "b.mat")
 
 
 def test_links_and_groups_of_version_73_are_not_followed(tmp_path):

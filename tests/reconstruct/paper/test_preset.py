@@ -105,7 +105,7 @@ def test_rates_decay_exponentially_in_the_unit_of_the_papers_trainer(scattered):
 
 def test_the_rule_ranks_by_opacity_first_and_lets_no_kind_of_candidate_starve():
     assert (FIT.density.opacity_splits, FIT.density.ranked_first, FIT.density.shared_room) == (True, True, True)
-    assert not FIT.per_open_share
+    assert not FIT.comparable_gradients
 
 
 def test_no_pixel_is_held_out_nothing_ends_it_early_and_nothing_of_ours_comes_in_between():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, shift
 
 from gs2ci.reconstruct.registration.sequence import find_beginning
 
@@ -25,6 +25,20 @@ def test_the_first_view_is_found(places, late):
     found = find_beginning(np.roll(seen_from(places), late, axis=0))
     assert found.first == late
     assert found.is_other == (late != 0)
+
+
+@pytest.mark.parametrize(
+    ("radius_px", "flat", "count", "seed"), [(2.5, 1.0, 12, 3), (2.5, 0.7, 16, 0), (6.0, 0.7, 12, 0), (6.0, 0.4, 16, 0)]
+)
+def test_a_camera_that_comes_back_to_where_it_began_stays_in_order(radius_px, flat, count, seed):
+    """Round a circle, distances from a start half way on have rank correlations as high as along a line."""
+    rng = np.random.default_rng(seed)
+    wide = gaussian_filter(rng.normal(0, 1, (120, 120)), 2.5)
+    angles = 2 * np.pi * np.linspace(-0.5, 0.5, count)
+    places = radius_px * np.stack([np.cos(angles), flat * np.sin(angles)], axis=1)
+    views = np.stack([shift(wide, place, order=1)[20:100, 20:100] for place in places]) / wide.std()
+    views = (views + rng.normal(0, 0.1, views.shape)).astype(np.float32)[..., None]
+    assert not find_beginning(views).is_other
 
 
 def test_the_reversed_sequence_ranks_the_same():

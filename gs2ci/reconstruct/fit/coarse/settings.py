@@ -40,8 +40,9 @@ class CoarseSettings(Bounded):
         mask_moments_from: Share of the schedule from which on masks have their moments. Before, each has one: the
             scene is coarser then than the blur within a mask, and an iteration costs as much as it has moments.
         surfaces: How light is drawn to surfaces that the views show; None: only the measurement places it.
-        per_open_share: Whether the gradients that density rules receive are divided by the masks' share of open pixels,
-            so that thresholds found on photographs hold (`density/gathering.py`).
+        comparable_gradients: Whether the gradients that density rules receive are in a unit that depends neither on
+            the masks' share of open pixels nor on the size of a picture, so that one threshold holds for all
+            (`density/gathering.py`).
         motion: How Gaussians that start with a motion may move.
         colours: How far colours may change with the direction of sight.
     """
@@ -55,7 +56,7 @@ class CoarseSettings(Bounded):
     cap_from: float | None = None
     mask_moments_from: Annotated[float, Field(ge=0, le=1)] = 0.5
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
-    per_open_share: bool = True
+    comparable_gradients: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
     poses: PoseSettings = field(default_factory=PoseSettings)

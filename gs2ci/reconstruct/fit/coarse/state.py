@@ -129,7 +129,7 @@ class FitState:
     def _gather(self, count: int) -> None:
         """Gather statistics of so many Gaussians anew."""
         renderers = [one.renderer for one in self.exposures]
-        self._gathering = Gathering(renderers, count, per_open_share=self.settings.per_open_share)
+        self._gathering = Gathering(renderers, count, comparable=self.settings.comparable_gradients)
 
     def backward(self, share: float, iteration: int) -> float:
         """Accumulate gradients of the objective.

@@ -5,6 +5,7 @@ use them (`density/`).
 """
 
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 import torch
@@ -15,6 +16,9 @@ from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.screen import ScreenStatistics
 
+# The default's thresholds were found on pictures of so many pixels and fewer.
+_THRESHOLDS_PX: Final = 96 * 128
+
 
 class Gathering:
     """Gathers the screen statistics, and converts them to the unit that rules expect.
@@ -22,12 +26,13 @@ class Gathering:
     Args:
         renderers: Render for each exposure.
         count: Number of Gaussians at the start.
-        per_open_share: Whether gradients are divided by the share of open pixels.
+        comparable: Whether gradients are given in a unit that does not depend on the share of open pixels, nor on the
+            size of a picture of more than 96 x 128 px.
     """
 
-    def __init__(self, renderers: Sequence[ShotRenderer], count: int, *, per_open_share: bool = True) -> None:
+    def __init__(self, renderers: Sequence[ShotRenderer], count: int, *, comparable: bool = True) -> None:
         self._renderers = renderers
-        factors = [_gradient_factor(renderer, per_open_share=per_open_share) for renderer in renderers]
+        factors = [_gradient_factor(renderer, comparable=comparable) for renderer in renderers]
         self._gradient_factor = float(np.mean(factors))
         self.screen = ScreenStatistics.empty(count, renderers[0].device)
 
@@ -67,13 +72,18 @@ class Gathering:
         return parts[0] if len(parts) == 1 else torch.stack(parts).amax(dim=0)
 
 
-def _gradient_factor(renderer: ShotRenderer, *, per_open_share: bool) -> float:
-    masks = renderer.transmissions
-    # The loss is a mean over all pixels. A view whose mask opens a quarter of them receives a quarter of the
-    # gradient that it would receive as a photograph, for which the rules' thresholds were found.
-    open_share = max(float(masks.mean()) / renderer.exposure, torch.finfo(masks.dtype).tiny)
+def _gradient_factor(renderer: ShotRenderer, *, comparable: bool) -> float:
     # Each moment of a mask gets its share of the mask's light.
-    return renderer.moments_per_mask * (1.0 / open_share if per_open_share else 1.0)
+    factor = float(renderer.moments_per_mask)
+    if not comparable:
+        return factor
+    # The loss is a mean over all pixels. A view whose mask opens a quarter of them receives a quarter of the
+    # gradient that it would receive as a photograph.
+    masks = renderer.transmissions
+    open_share = max(float(masks.mean()) / renderer.exposure, torch.finfo(masks.dtype).tiny)
+    # The gradient by a shift of a pixel falls as the number of pixels, half an image size grows as its root.
+    height, width = renderer.size
+    return factor / open_share * max(1.0, height * width / _THRESHOLDS_PX) ** 0.5
 
 
 def _blended(renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, error: Tensor) -> Tensor:

@@ -20,9 +20,10 @@ def poses(views):
     return moved
 
 
-def gathering(masks, count, backend=None):
-    shot = Shot(np.zeros((*SIZE, 3), np.float32), masks.numpy(), np.ones(len(masks), np.float32))
-    return Gathering([ShotRenderer(shot, INTRINSICS.numpy(), backend or CpuBackend())], count)
+def gathering(masks, count, backend=None, size=SIZE, *, comparable=True):
+    shot = Shot(np.zeros((*size, 3), np.float32), masks.numpy(), np.ones(len(masks), np.float32))
+    renderer = ShotRenderer(shot, INTRINSICS.numpy(), backend or CpuBackend())
+    return Gathering([renderer], count, comparable=comparable)
 
 
 def shared_evidence(gathered, scene, error=None):
@@ -41,6 +42,26 @@ def test_a_share_of_open_pixels_does_not_change_the_unit_of_gradients(scattered)
         gathered = gathering(torch.full((2, *SIZE), share), 5)
         gathered.screen.add(torch.full((5,), share * 4e-4), torch.full((5,), 2.0), torch.full((5,), 3.0))
         torch.testing.assert_close(shared_evidence(gathered, scene).screen_gradient, torch.full((5,), 2e-4))
+
+
+def test_what_a_shift_of_a_pixel_changes_counts_alike_in_larger_pictures(scattered):
+    """A Gaussian's error of so many readings: its share of the mean loss falls with the picture's number of pixels."""
+    found = []
+    for height, width in ((96, 128), (128, 96), (160, 240)):
+        gathered = gathering(torch.ones(2, height, width), 5, size=(height, width))
+        by_shift_px = torch.full((5,), 1.0 / (height * width))
+        half_size_px = 0.5 * (height * width) ** 0.5
+        gathered.screen.add(by_shift_px * half_size_px, torch.ones(5), torch.full((5,), 3.0))
+        found.append(shared_evidence(gathered, scattered(5)).screen_gradient)
+    for one in found:
+        torch.testing.assert_close(one, torch.full((5,), 0.5 / (96 * 128) ** 0.5))
+
+
+def test_a_rule_of_the_paper_gets_gradients_as_they_are(scattered):
+    masks = torch.full((2, *SIZE), 0.25)
+    gathered = gathering(masks, 5, comparable=False)
+    gathered.screen.add(torch.full((5,), 4e-4), torch.full((5,), 2.0), torch.full((5,), 3.0))
+    torch.testing.assert_close(shared_evidence(gathered, scattered(5)).screen_gradient, torch.full((5,), 2e-4))
 
 
 def test_short_exposures_do_not_change_the_unit_of_gradients(scattered):
