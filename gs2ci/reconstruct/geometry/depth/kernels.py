@@ -27,6 +27,8 @@ LARGE_JUMP = 8 * SMALL_JUMP
 
 # Rows of a strip of which costs are computed, and columns that are smoothed, at once.
 _STRIP = 32
+# Planes whose costs of a pixel fill a line of the cache.
+_TOGETHER = 16
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 LEAST_DEPTH = np.float32(1e-3)
 _FAR = np.float32(1e9)
@@ -138,22 +140,27 @@ def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, 
 
 
 @helper(fastmath=EXACT)
-def _cost_of_strip(reference, views, order, homographies, best, top, bottom, ring, out):
-    """Fill out[top:bottom, :] (any strides) with the cost of a plane, [V, 3, 3]; ring, [V, window, W], is scratch."""
+def _cost_of_strip(reference, views, order, homographies, best, top, bottom, rings, out):
+    """Fill out[top:bottom, :, D] (any strides) with the cost of D planes, [D, V, 3, 3].
+
+    Row by row for all of them, since their costs of a pixel are neighbours in memory. rings, [D, V, window, W], is
+    scratch.
+    """
     height, width = reference.shape[:2]
-    count, window = ring.shape[:2]
+    count, window = rings.shape[1:3]
     reach = window // 2
     corner, aim = np.empty(width, np.int32), np.empty((5, width), np.float32)
     row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
     per_view = np.empty((count, width), np.float32)
     for r in range(max(top - reach, 0), bottom + reach):
-        if r < min(bottom + reach, height):
-            for i in range(count):
-                _aim_row(homographies[i], r, (height, width), corner, aim)
-                _difference_row(reference[r], views[order[i]], corner, aim, row_costs)
-                _box_row(row_costs, reach, ring[i, r % window])
-        if r - reach >= top:
-            _cost_of_row(ring, r - reach, height, best, per_view, total, out[r - reach])
+        for d in range(len(homographies)):
+            if r < min(bottom + reach, height):
+                for i in range(count):
+                    _aim_row(homographies[d, i], r, (height, width), corner, aim)
+                    _difference_row(reference[r], views[order[i]], corner, aim, row_costs)
+                    _box_row(row_costs, reach, rings[d, i, r % window])
+            if r - reach >= top:
+                _cost_of_row(rings[d], r - reach, height, best, per_view, total, out[r - reach, :, d])
 
 
 @kernel(i64, i64, f32_3, f32_3, i64_1, f64_4, i64, i64, f32_3, fastmath=EXACT)
@@ -161,11 +168,12 @@ def _cost(from_strip, to_strip, reference, views, order, homographies, best, win
     """Fill strips of rows of the cost, [H, W, D], of D planes."""
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]
+    rings = np.empty((_TOGETHER, count, window, width), np.float32)
     for strip in range(from_strip, to_strip):
         top, bottom = strip * _STRIP, min((strip + 1) * _STRIP, height)
-        ring = np.empty((count, window, width), np.float32)
-        for d in range(planes):
-            _cost_of_strip(reference, views, order, homographies[d], best, top, bottom, ring, cost[:, :, d])
+        for d in range(0, planes, _TOGETHER):
+            some, out = homographies[d : d + _TOGETHER], cost[:, :, d : d + _TOGETHER]
+            _cost_of_strip(reference, views, order, some, best, top, bottom, rings, out)
 
 
 def matching_cost(views: F32, order: Sequence[int], homographies: F64, best: int, window: int) -> F32:

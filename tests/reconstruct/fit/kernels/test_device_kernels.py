@@ -114,6 +114,13 @@ def test_a_counterpart_does_what_the_kernel_does_and_reads_nothing_back(kernel, 
     assert written or here is not None
 
 
+def test_an_image_that_is_a_part_of_what_was_rendered_is_read_where_it_lies(device):
+    image, *given = surface()
+    four = torch.cat([image, torch.full((200, 1), 7.0)], dim=1)
+    apart = [call(surface_kernels.distance_to_surface, one, *given) for one in (image, four[:, :3], image)]
+    assert float(apart[0]) == float(apart[1]) == float(apart[2])
+
+
 def CASES_AGAIN(kernel):
     normal.draws = draws(1)
     return CASES[kernel]()

@@ -15,6 +15,7 @@ from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians, joined
+from tests.render.pretended_card import lies_there, pretended_card
 
 SIZE = (40, 56)
 INTRINSICS = np.array([[60.0, 0, 28], [0, 60.0, 20], [0, 0, 1]])
@@ -231,3 +232,24 @@ SOUND = Search(0.3, 1e-2, 1e-3)
 def test_settings_without_meaning_are_refused(wrong, said):
     with pytest.raises(InputError, match=said):
         SurfaceSettings(**wrong).check()
+
+
+def test_surfaces_lie_where_the_scene_does_and_move_there(renderer):
+    pytest.importorskip("warp", reason="Warp is not installed")
+    poses, still = torch.from_numpy(path()), np.zeros((3, 2, 2))
+    step = FieldStep(path()[VIEWS // 2], np.array([-0.5, -0.4, 0.2]), np.array([0.5, 0.8, 0.6]), still + 0.05)
+    here = surfaces_of(renderer).moved(step, poses)
+    with pretended_card():
+        there = ShotRenderer(renderer.shot, INTRINSICS, load_backend("warp"))
+        scene = wall().map(lambda tensor: tensor.to(there.device))
+        views = there.views(scene, poses.float())
+        found = find_surfaces(there, scene, path(), views, SETTINGS, seed=0).moved(step, poses)
+        distance = term(found, there, scene).cpu()
+        bare = found.without_masks()
+        again = bare.with_masks(there)
+    for one in (found, again):
+        assert all(map(lies_there, (one.inverse_depth, one.trust, one.rays, *(each.at for each in one.pixels))))
+    assert not any(map(lies_there, (bare.inverse_depth, bare.trust, bare.rays, *(each.at for each in bare.pixels))))
+    apart = np.abs(bare.inverse_depth.numpy() - here.inverse_depth.numpy())
+    assert np.median(apart) < 1e-4
+    assert float(distance) == pytest.approx(float(term(here, renderer, wall())), rel=0.05)

@@ -25,7 +25,8 @@ class KeptLaunch:
     """Launches one kernel.
 
     Args:
-        kernel: Of Warp's. Arrays that it is given are tensors of one device, in one piece of memory, or Warp's arrays.
+        kernel: Of Warp's. Arrays that it is given are tensors of one device, the numbers of a vector side by side, or
+            Warp's arrays.
         block: Threads of a block, for a kernel that is launched block by block; None: thread by thread.
     """
 
@@ -78,14 +79,18 @@ class _Kept:
 def _mark(argument: Any) -> Any:
     """Return what tells an argument from another one."""
     if isinstance(argument, Tensor):
-        return argument.data_ptr(), argument.shape
+        return argument.data_ptr(), argument.shape, argument.stride()
     return argument.tobytes() if isinstance(argument, np.ndarray) else argument
 
 
 def _as_warp(argument: Any, kind: Any) -> Any:
     if isinstance(argument, Tensor):  # as `from_torch`, in half the time
         inner = len(getattr(kind.dtype, "_shape_", ()))
-        shape = tuple(argument.shape)[: argument.ndim - inner]
+        outer, size = argument.ndim - inner, argument.element_size()
+        # An image may be three of four numbers of each pixel.
+        shape, strides = tuple(argument.shape)[:outer], tuple(size * step for step in argument.stride()[:outer])
         device = "cpu" if argument.is_cpu else f"cuda:{argument.get_device()}"
-        return wp.array(ptr=argument.data_ptr(), dtype=kind.dtype, shape=shape, device=device, copy=False)
+        return wp.array(
+            ptr=argument.data_ptr(), dtype=kind.dtype, shape=shape, strides=strides, device=device, copy=False
+        )
     return kind(*argument.ravel().tolist()) if isinstance(argument, np.ndarray) else argument
