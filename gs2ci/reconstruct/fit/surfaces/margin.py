@@ -79,7 +79,10 @@ def margin(
     frame = _Frame.of(renderer)
     inverse_depth = frame.at_border(source.inverse_depth)
     width = _width(frame, inverse_depth, world_to_camera, source.numbers, settings)
-    outside = frame.outside(width, settings.stride)
+    # Nearer than one stride to the border of any view they show in it, through what the fit left open there.
+    clear = settings.stride
+    outside = frame.outside(clear, clear + width, settings.stride)
+    near = frame.distance(clear)[0] <= clear
     parts: list[tuple[F64, F64, F32]] = []
     taken: list[int] = []
     for k in _outer_first(len(source.numbers)):
@@ -88,7 +91,7 @@ def margin(
         known = ahead > 0
         depth = (1 + _BEHIND) / np.where(known, ahead, 1.0)
         points = in_world(outside.rays * depth[:, None], world_to_camera[number])
-        shown = frame.sees(points, world_to_camera, frame.seen)
+        shown = frame.sees(points, world_to_camera, near)
         new = known & ~shown & ~frame.sees(points, world_to_camera[taken], outside.within)
         taken.append(number)
         colours = frame.at_border(source.views[number][None])[0][outside.nearest]
@@ -158,11 +161,15 @@ class _Frame:
         """Return the rays of pixels, given as row and column, [P, 2]: [P, 3]."""
         return rays(places[:, ::-1].astype(np.float64) + 0.5, self.intrinsics)
 
-    def outside(self, width: int, stride: int) -> _Outside:
-        """List every `stride`-th place, along rows and columns, that is at most `width` pixels outside."""
-        around = np.pad(self.seen, width)
-        distance, at = distance_transform_edt(~around, return_indices=True)
-        places = np.argwhere((distance > 0) & (distance <= width))
+    def distance(self, width: int) -> tuple[F64, NDArray[np.int64]]:
+        """Return how far the pixels of a picture widened all around lie outside, px, and which seen one is nearest."""
+        distance, at = distance_transform_edt(~np.pad(self.seen, width), return_indices=True)
+        return distance, at
+
+    def outside(self, clear: int, width: int, stride: int) -> _Outside:
+        """List every `stride`-th place, along rows and columns, from beyond `clear` to `width` pixels outside."""
+        distance, at = self.distance(width)
+        places = np.argwhere((distance > clear) & (distance <= width))
         places = places[(places % stride == 0).all(axis=1)]
         nearest = at[:, places[:, 0], places[:, 1]].T - width
         numbers = np.zeros(self.seen.shape, np.int64)

@@ -64,13 +64,14 @@ def inside(places, by=0.0):
     return ((places >= -by) & (places < np.array(SIZE[::-1]) + by)).all(axis=1)
 
 
-def test_they_lie_outside_every_view_at_most_a_step_away_and_just_behind_the_surface(renderer, scattered):
+def test_they_lie_a_stride_to_a_step_outside_every_view_and_just_behind_the_surface(renderer, scattered):
     poses = path()
     found = margin(renderer, scattered(3), poses, halves(), MarginSettings(most=0.5))
     points = found.means.double().numpy()
     pixels = [at(points, pose)[0] for pose in poses]
-    assert not np.any([inside(places) for places in pixels])
-    assert np.any([inside(places, by=STEP_PX + 1.01) for places in pixels], axis=0).all()
+    stride = MarginSettings().stride
+    assert not np.any([inside(places, by=stride - 1) for places in pixels])
+    assert np.any([inside(places, by=stride + STEP_PX + 1.01) for places in pixels], axis=0).all()
     np.testing.assert_allclose(points[:, 2], 1.02 * DEPTH, rtol=1e-6)
     # All around: beyond the first view's border to one side, beyond the last one's to the other, above and below.
     assert pixels[0][:, 0].min() < 0 or pixels[-1][:, 0].min() < 0
@@ -79,7 +80,7 @@ def test_they_lie_outside_every_view_at_most_a_step_away_and_just_behind_the_sur
     assert pixels[2][:, 1].max() > SIZE[0]
 
 
-def test_a_view_from_one_step_beyond_the_path_shows_no_gap(renderer, scattered):
+def test_a_view_from_one_step_beyond_the_path_shows_little_of_the_seam(renderer, scattered):
     poses = path()
     found = margin(renderer, scattered(3), poses, halves(), MarginSettings(most=0.5))
     beyond = poses[-1] @ np.linalg.inv(poses[-2]) @ poses[-1]
@@ -87,7 +88,9 @@ def test_a_view_from_one_step_beyond_the_path_shows_no_gap(renderer, scattered):
         found, torch.from_numpy(beyond[None]).float(), torch.from_numpy(INTRINSICS).float(), SIZE
     )
     strip = slice(SIZE[1] - int(STEP_PX), SIZE[1])
-    assert alphas[0, :, strip].min() > 0.8
+    # A stride next to the border is left to what the scene itself shows there.
+    assert alphas[0, :, strip].min() > 0.6
+    assert alphas[0, :, strip].mean() > 0.85
     shown = (images / alphas[..., None].clamp(min=1e-6))[0, :, strip].numpy()
     np.testing.assert_allclose(shown, np.broadcast_to(RIGHT, shown.shape), atol=1e-4)
 
@@ -117,9 +120,9 @@ def test_width_is_a_step_of_the_path_within_its_bound(renderer, scattered):
         above = at(found.means.double().numpy(), np.eye(4))[0][:, 1]
         return -above.min()
 
-    assert reach(1.0, 0.5) < reach(4.0, 0.5) <= 5.0
-    assert 1.0 < reach(40.0, 1 / 28) <= 2.0
-    assert reach(0.0, 0.5) > 0.4  # a camera at rest: one pixel
+    assert reach(1.0, 0.5) < reach(4.0, 0.5) <= 6.0
+    assert 2.0 < reach(40.0, 1 / 28) <= 3.0
+    assert reach(0.0, 0.5) > 1.4  # a camera at rest: one pixel
 
 
 def test_borders_without_a_surface_are_not_continued(renderer, scattered):
