@@ -161,7 +161,7 @@ class _Frame:
         """Return the rays of pixels, given as row and column, [P, 2]: [P, 3]."""
         return rays(places[:, ::-1].astype(np.float64) + 0.5, self.intrinsics)
 
-    def distance(self, width: int) -> tuple[F64, NDArray[np.int64]]:
+    def distance(self, width: int) -> tuple[F64, NDArray[np.int32]]:
         """Return how far the pixels of a picture widened all around lie outside, px, and which seen one is nearest."""
         distance, at = distance_transform_edt(~np.pad(self.seen, width), return_indices=True)
         return distance, at
