@@ -82,7 +82,6 @@ def margin(
     # Nearer than one stride to the border of any view they show in it, through what the fit left open there.
     clear = settings.stride
     outside = frame.outside(clear, clear + width, settings.stride)
-    near = frame.distance(clear)[0] <= clear
     parts: list[tuple[F64, F64, F32]] = []
     taken: list[int] = []
     for k in _outer_first(len(source.numbers)):
@@ -91,7 +90,7 @@ def margin(
         known = ahead > 0
         depth = (1 + _BEHIND) / np.where(known, ahead, 1.0)
         points = in_world(outside.rays * depth[:, None], world_to_camera[number])
-        shown = frame.sees(points, world_to_camera, near)
+        shown = frame.sees(points, world_to_camera, outside.near)
         new = known & ~shown & ~frame.sees(points, world_to_camera[taken], outside.within)
         taken.append(number)
         colours = frame.at_border(source.views[number][None])[0][outside.nearest]
@@ -113,11 +112,13 @@ class _Outside:
     Args:
         rays: At z = 1 in camera coordinates, [P, 3].
         nearest: Of each the nearest place of the border, an index into `_Frame.border`, [P].
-        within: The pixels of a picture widened by these places, those seen and those around, [Hc + 2 w, Wc + 2 w].
+        near: The pixels of a picture widened by w all around that are seen or too near to those, [Hc + 2 w, Wc + 2 w].
+        within: These and all around them as far as the places lie, likewise.
     """
 
     rays: F64
     nearest: NDArray[np.int64]
+    near: Bool
     within: Bool
 
 
@@ -161,20 +162,16 @@ class _Frame:
         """Return the rays of pixels, given as row and column, [P, 2]: [P, 3]."""
         return rays(places[:, ::-1].astype(np.float64) + 0.5, self.intrinsics)
 
-    def distance(self, width: int) -> tuple[F64, NDArray[np.int32]]:
-        """Return how far the pixels of a picture widened all around lie outside, px, and which seen one is nearest."""
-        distance, at = distance_transform_edt(~np.pad(self.seen, width), return_indices=True)
-        return distance, at
-
     def outside(self, clear: int, width: int, stride: int) -> _Outside:
         """List every `stride`-th place, along rows and columns, from beyond `clear` to `width` pixels outside."""
-        distance, at = self.distance(width)
+        distance, at = distance_transform_edt(~np.pad(self.seen, width), return_indices=True)
         places = np.argwhere((distance > clear) & (distance <= width))
         places = places[(places % stride == 0).all(axis=1)]
         nearest = at[:, places[:, 0], places[:, 1]].T - width
         numbers = np.zeros(self.seen.shape, np.int64)
         numbers[self.border[:, 0], self.border[:, 1]] = np.arange(len(self.border))
-        return _Outside(self.rays(places - width), numbers[nearest[:, 0], nearest[:, 1]], distance <= width)
+        at_border = numbers[nearest[:, 0], nearest[:, 1]]
+        return _Outside(self.rays(places - width), at_border, distance <= clear, distance <= width)
 
     def sees(self, points: F64, world_to_camera: F64, picture: Bool) -> Bool:
         """Tell which points, [P, 3], some pose sees, by the pixels of the picture or of one widened all around."""
