@@ -144,7 +144,7 @@ def _finished(draw: Draw, folder: Path) -> FinishedRun:
     if sure.positions is not None and sure.rotations is not None:
         turned_deg = np.degrees(sure.rotations).tolist()
         said = replace(said, positions=sure.positions.tolist(), rotations_deg=turned_deg)
-    report = replace(run_of.report, sureness=said)
+    report = run_of.report.model_copy(update={"sureness": said})
     return replace(run_of, report=report, views_error=sure.views, depth_error=sure.depth)
 
 
