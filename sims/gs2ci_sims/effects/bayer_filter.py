@@ -1,7 +1,6 @@
 """Bayer filter: every pixel sees one of three colours."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,8 +21,8 @@ class BayerFilter(EffectRecord):
         pattern: Colours of the upper left two by two pixels, row by row.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 5.0
+    stage = LightStage.CHARGE
+    cost_ns = 5.0
 
     pattern: CfaPattern = "RGGB"
 

@@ -7,7 +7,7 @@
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, FiniteFloat
@@ -37,8 +37,8 @@ class DarkCurrent(EffectRecord):
         doubling_k: T_d, the warming that doubles the current, more than 0 (silicon: 6 to 10 K).
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 2.0
+    stage = LightStage.CHARGE
+    cost_ns = 2.0
 
     current_e_per_s: NotNegative
     temperature_c: Annotated[float, Field(ge=-100, le=100)] = REFERENCE_C
@@ -94,8 +94,8 @@ class Persistence(EffectRecord):
             [H, W, C]; finite, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 3.0
+    stage = LightStage.CHARGE
+    cost_ns = 3.0
 
     share: Annotated[float, Field(ge=0, le=1)]
     decay_s: Positive
@@ -171,8 +171,8 @@ class FullWell(EffectRecord):
         capacity_e: Electrons, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 2.0
+    stage = LightStage.CHARGE
+    cost_ns = 2.0
 
     capacity_e: Annotated[float, Field(gt=0)]
 
@@ -207,8 +207,8 @@ class Blooming(EffectRecord):
         share: Share of the excess charge that spills, 0 to 1.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 40.0
+    stage = LightStage.CHARGE
+    cost_ns = 40.0
 
     share: Annotated[float, Field(ge=0, le=1)]
 

@@ -7,7 +7,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, FiniteFloat
@@ -28,8 +28,8 @@ PIECES_MAX: Final = 96
 class Oscillation(EffectRecord):
     """Light that oscillates about its mean by the share `depth`, 0 to 1."""
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.2
+    stage = LightStage.TIME
+    cost_ns = 0.2
 
     depth: Annotated[float, Field(ge=0, le=1)]
 
@@ -150,8 +150,8 @@ class IlluminationDrift(EffectRecord):
         rate_per_s: Relative change per second.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     rate_per_s: FiniteFloat
 

@@ -6,7 +6,7 @@
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,9 @@ class FiniteContrast(EffectRecord):
         patch_px: Scale over which the leakage varies, pixels, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MASKS
-    cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.MASKS
+    cost_ns = 10.0
+    fixed_pattern = True
 
     contrast: Annotated[float, Field(gt=1)] = 25.0
     spread: Annotated[float, Field(ge=0, le=2)] = 0.62
@@ -74,8 +74,8 @@ class MaskEdges(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MASKS
-    cost_ns: ClassVar[float] = 20.0
+    stage = LightStage.MASKS
+    cost_ns = 20.0
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.5
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0
@@ -117,8 +117,8 @@ class Misregistration(EffectRecord):
         magnification: Magnification of the masks on the sensor, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MASKS
-    cost_ns: ClassVar[float] = 60.0
+    stage = LightStage.MASKS
+    cost_ns = 60.0
 
     right_px: FiniteFloat = 0.0
     down_px: FiniteFloat = 0.0

@@ -1,7 +1,6 @@
 """Motion blur: the camera moves while a mask is shown, so the light behind each mask is an integral over time."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,8 +23,8 @@ class MotionBlur(EffectRecord):
         edges_s: Ends of the panels, increasing; empty: one panel per mask interval.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOMENTS
-    cost_ns: ClassVar[float] = 0.0
+    stage = LightStage.MOMENTS
+    cost_ns = 0.0
 
     nodes: int = 3
     edges_s: tuple[float, ...] = ()

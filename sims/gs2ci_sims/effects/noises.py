@@ -10,7 +10,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
@@ -37,7 +37,7 @@ from gs2ci_sims.rig import RigFigures
 class ChargeNoise(EffectRecord):
     """Normal numbers that an effect adds to the electrons, drawn in its own way."""
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
+    stage = LightStage.CHARGE
 
     sigma_e: NotNegative
 
@@ -60,7 +60,7 @@ class ReadNoise(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    cost_ns: ClassVar[float] = 20.0
+    cost_ns = 20.0
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
@@ -78,7 +78,7 @@ class RowNoise(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    cost_ns: ClassVar[float] = 2.0
+    cost_ns = 2.0
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add to electrons [H, W, C], the same over W and C."""
@@ -97,8 +97,8 @@ class Dsnu(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = True
+    cost_ns = 20.0
+    fixed_pattern = True
 
     def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add the pattern to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
@@ -117,9 +117,9 @@ class Prnu(EffectRecord):
         spread: Relative standard deviation, 0 to 0.5 (0.01 is usual); no factor falls below 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.CHARGE
+    cost_ns = 20.0
+    fixed_pattern = True
 
     spread: Annotated[float, Field(ge=0, le=0.5)]
 
@@ -177,8 +177,8 @@ class ShotNoise(EffectRecord):
     rejection samplers would draw again: this makes a plan comparable with the full simulation of the same seed.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 400.0
+    stage = LightStage.CHARGE
+    cost_ns = 400.0
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Standard deviation sqrt(mean), times the gain K (EMVA 1288, eq. 10); one exposure in 1e7 exceeds it.
@@ -264,9 +264,9 @@ class HotPixels(EffectRecord):
         mean_e_per_s: Their mean excess, electrons per second, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.CHARGE
+    cost_ns = 20.0
+    fixed_pattern = True
 
     share: Annotated[float, Field(ge=0, le=1)]
     mean_e_per_s: NotNegative

@@ -1,7 +1,6 @@
 """Object motion: a part of the scene moves by itself during the exposure."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -25,8 +24,8 @@ class ObjectMotion(EffectRecord):
         velocity: Velocity in scene units per second, along the scene's axes, [3].
     """
 
-    stage: ClassVar[LightStage] = LightStage.SCENE
-    cost_ns: ClassVar[float] = 5.0
+    stage = LightStage.SCENE
+    cost_ns = 5.0
 
     centre: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
     radius: Positive

@@ -6,7 +6,7 @@
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
@@ -35,8 +35,8 @@ class ModulatorPsf(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[LightStage] = LightStage.PHOTONS
-    cost_ns: ClassVar[float] = 60.0
+    stage = LightStage.PHOTONS
+    cost_ns = 60.0
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     diffraction: bool = True
@@ -92,8 +92,8 @@ class GhostReflection(EffectRecord):
         blur_px: Diameter of the disc that a point of the ghost is spread over, sensor pixels, 0 to 256.
     """
 
-    stage: ClassVar[LightStage] = LightStage.PHOTONS
-    cost_ns: ClassVar[float] = 100.0
+    stage = LightStage.PHOTONS
+    cost_ns = 100.0
 
     share: Annotated[float, Field(ge=0, le=0.5)]
     blur_px: Annotated[float, Field(ge=0, le=MOST_BLUR_PX)] = 0.0
@@ -138,9 +138,9 @@ class Dust(EffectRecord):
         cone_px: Diameter of the cone where it crosses the glass, in sensor pixels, 0 to 128.
     """
 
-    stage: ClassVar[LightStage] = LightStage.PHOTONS
-    cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.PHOTONS
+    cost_ns = 10.0
+    fixed_pattern = True
 
     particles: Annotated[float, Field(ge=0, le=MOST_PARTICLES)]
     diameter_px: Annotated[float, Field(ge=0, le=MOST_PX)]

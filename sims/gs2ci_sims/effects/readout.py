@@ -7,7 +7,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, FiniteFloat
@@ -30,8 +30,8 @@ class GainNonlinearity(EffectRecord):
         departure: d, positive for a response that lies above the line, of magnitude below 1/4: it stays monotonic.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 10.0
+    stage = LightStage.CHARGE
+    cost_ns = 10.0
 
     departure: Annotated[float, Field(gt=-0.25, lt=0.25)]
 
@@ -126,8 +126,8 @@ class BlackLevel(EffectRecord):
         shift_dn: True black level minus the data sheet's, DN.
     """
 
-    stage: ClassVar[LightStage] = LightStage.READOUT
-    cost_ns: ClassVar[float] = 2.0
+    stage = LightStage.READOUT
+    cost_ns = 2.0
 
     shift_dn: FiniteFloat
 
@@ -156,8 +156,8 @@ class Quantisation(EffectRecord):
         bits: Bits of the converter, 1 to 32.
     """
 
-    stage: ClassVar[LightStage] = LightStage.READOUT
-    cost_ns: ClassVar[float] = 5.0
+    stage = LightStage.READOUT
+    cost_ns = 5.0
 
     bits: Annotated[int, Field(ge=1, le=32)]
 

@@ -7,7 +7,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
@@ -75,8 +75,8 @@ class StageRipple(EffectRecord):
         hertz: Turns of the screw per second, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOTION
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.MOTION
+    cost_ns = 0.1
 
     share: Annotated[float, Field(ge=0, le=1)]
     hertz: Positive
@@ -136,8 +136,8 @@ class StageVibration(EffectRecord):
         hertz: More than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOTION
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.MOTION
+    cost_ns = 0.1
 
     amplitude: NotNegative
     hertz: Positive
@@ -228,8 +228,8 @@ class StageBacklash(EffectRecord):
         play: Lost motion, scene units, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOTION
-    cost_ns: ClassVar[float] = 1.0
+    stage = LightStage.MOTION
+    cost_ns = 1.0
 
     play: NotNegative
 

@@ -7,7 +7,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, FiniteFloat
@@ -33,8 +33,8 @@ class TriggerTiming(EffectRecord):
         jitter_s: Standard deviation of the normal jitter, at least 0; a draw beyond three of them is cut to that.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     latency_s: FiniteFloat = 0.0
     jitter_s: NotNegative = 0.0
@@ -96,8 +96,8 @@ class ClockDrift(EffectRecord):
         ppm: By how many parts per million the modulator's clock is slow, above -1e6 (crystals: 20 to 100).
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     ppm: Annotated[FiniteFloat, Field(gt=-1e6)]
 
@@ -166,8 +166,8 @@ class RollingShutter(EffectRecord):
         line_delay_s: Delay from each row to the next, finite, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 10.0
+    stage = LightStage.TIME
+    cost_ns = 10.0
 
     line_delay_s: NotNegative
 

@@ -5,7 +5,7 @@
 """
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ class MirrorTransition(EffectRecord):
         transition_s: How long it takes, 0 or more, at most an interval.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     transition_s: NotNegative = 13e-6
 
@@ -96,8 +96,8 @@ class LcosResponse(EffectRecord):
         tau_s: Time constant, 0 or more; display panels have 1 to 10 ms.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.2
+    stage = LightStage.TIME
+    cost_ns = 0.2
 
     tau_s: NotNegative
 

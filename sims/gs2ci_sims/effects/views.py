@@ -8,7 +8,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
@@ -45,8 +45,8 @@ class Vignetting(EffectRecord):
         exponent: n, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 20.0
+    stage = LightStage.RADIANCE
+    cost_ns = 20.0
 
     exponent: NotNegative = 4.0
 
@@ -80,9 +80,9 @@ class OpticsPsf(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 60.0
-    needs_depth: ClassVar[bool] = False
+    stage = LightStage.RADIANCE
+    cost_ns = 60.0
+    needs_depth = False
 
     sigma_px: Annotated[float, Field(ge=0, le=100)]
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0
@@ -144,9 +144,9 @@ class Defocus(EffectRecord):
         focus_depth: z of what is sharp, scene units, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 400.0
-    needs_depth: ClassVar[bool] = True
+    stage = LightStage.RADIANCE
+    cost_ns = 400.0
+    needs_depth = True
 
     aperture: NotNegative
     focus_depth: Positive
@@ -257,9 +257,9 @@ class LensDistortion(EffectRecord):
         k2: Coefficient of r^4.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 600.0
-    needs_depth: ClassVar[bool] = False
+    stage = LightStage.RADIANCE
+    cost_ns = 600.0
+    needs_depth = False
 
     k1: FiniteFloat
     k2: FiniteFloat = 0.0
