@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, of_charge
@@ -72,7 +72,7 @@ class DarkCurrent(EffectRecord):
         """Return the collected charge, the same in every pixel."""
         return (self.collected_e(rig.exposure_s),) * 2
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to mean electrons [H, W, C]."""
         return signal + self.collected_e(rig.exposure_s)
 
@@ -145,7 +145,7 @@ class Persistence(EffectRecord):
         released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
         return float(released_e.mean()), float(released_e.max())
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to mean electrons [H, W, C].
 
         Raises:
@@ -190,7 +190,7 @@ class FullWell(EffectRecord):
             BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Clip electrons [H, W, C]."""
         return np.minimum(signal, self.capacity_e)
 
@@ -234,7 +234,7 @@ class Blooming(EffectRecord):
             BoundStep("x", spilled_e, "e", "of it spilled, per pixel", "s * e"),
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Spill electrons [H, W, C] along axis 0."""
         well_e = rig.sensor.full_well_e
         spilled = self.share * np.maximum(signal - well_e, 0.0)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gs2ci.core.arrays import Rng
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.moments import Moments, one_per_interval
@@ -56,7 +57,7 @@ class MotionBlur(EffectRecord):
             ),
         )
 
-    def apply(self, signal: Moments, rig: RigFigures, rng: np.random.Generator) -> Moments:
+    def apply(self, signal: Moments, rig: RigFigures, rng: Rng) -> Moments:
         """Replace the one moment per interval."""
         return Moments(np.array(self.edges_s) if self.edges_s else signal.edges_s, self.nodes)
 

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from scipy.special import ndtri, pdtr
 
-from gs2ci.core.arrays import F64, rms_of
+from gs2ci.core.arrays import F64, Rng, rms_of
 from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import (
     Bound,
@@ -62,7 +62,7 @@ class ReadNoise(ChargeNoise):
 
     cost_ns = 20.0
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)
 
@@ -80,7 +80,7 @@ class RowNoise(ChargeNoise):
 
     cost_ns = 2.0
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to electrons [H, W, C], the same over W and C."""
         return signal + self.sigma_e * rng.standard_normal((len(signal), 1, 1))
 
@@ -100,7 +100,7 @@ class Dsnu(ChargeNoise):
     cost_ns = 20.0
     fixed_pattern = True
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add the pattern to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)
 
@@ -155,7 +155,7 @@ class Prnu(EffectRecord):
         """Six standard deviations above the mean."""
         return 1 + 6 * self.spread
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Scale mean electrons [H, W, C]."""
         return signal * np.maximum(1 + self.spread * rng.standard_normal(signal.shape), 0.0)
 
@@ -213,7 +213,7 @@ class ShotNoise(EffectRecord):
             random=True,
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Draw counted electrons for mean electrons [H, W, C]."""
         uniform = np.clip(rng.random(signal.shape), 1e-16, 1 - 2**-53)
         return poisson_quantile(uniform, signal)
@@ -338,7 +338,7 @@ class HotPixels(EffectRecord):
         limits = (SIGMAS**2 / 2 + self.share * pixels * expected) / powers[:, 0]
         return float(limits.min())
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to mean electrons [H, W, C]."""
         hot = rng.random(signal.shape) < self.share
         return signal + hot * rng.exponential(self.mean_e_per_s * rig.exposure_s, signal.shape)

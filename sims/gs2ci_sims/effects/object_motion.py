@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from pydantic import FiniteFloat
 
+from gs2ci.core.arrays import Rng
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
@@ -61,7 +62,7 @@ class ObjectMotion(EffectRecord):
         near = scene.scene.depth_range()[0]
         return float(scene.scene.intrinsics[:2, :2].max() * np.linalg.norm(self.velocity) / near)
 
-    def apply(self, signal: MovingScene, rig: RigFigures, rng: np.random.Generator) -> MovingScene:
+    def apply(self, signal: MovingScene, rig: RigFigures, rng: Rng) -> MovingScene:
         """Return the scene with the object in motion.
 
         Raises:

@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
@@ -100,7 +100,7 @@ class StageRipple(EffectRecord):
             ),
         )
 
-    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: Rng) -> CameraPath:
         """Run through the path unevenly."""
         delay_s = self.share / (2 * np.pi * self.hertz)
         return WarpedPath(signal, delay_s, self.hertz, float(rng.uniform(0, 2 * np.pi)))
@@ -147,7 +147,7 @@ class StageVibration(EffectRecord):
         amplitude = BoundStep("A", self.amplitude, "units", "amplitude along each of two axes")
         return _displaced(scene, 2**0.5 * self.amplitude, "sqrt(2) * A", amplitude)
 
-    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: Rng) -> CameraPath:
         """Let the path tremble."""
         first, second = rng.uniform(0, 2 * np.pi, 2)
         return TremblingPath(signal, self.amplitude, self.hertz, (float(first), float(second)))
@@ -243,7 +243,7 @@ class StageBacklash(EffectRecord):
         lag = BoundStep("lag", worst, "units", "largest lag after the turns of this path")
         return _displaced(scene, worst, "lag", play, lag)
 
-    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: Rng) -> CameraPath:
         """Let the path lag."""
         return self._lagging(signal, rig)
 

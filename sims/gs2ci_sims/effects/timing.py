@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
 from gs2ci_sims.rig import RigFigures
@@ -71,7 +71,7 @@ class TriggerTiming(EffectRecord):
             kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
             yield 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Cut the slices to the window; behind a rolling shutter, shift the window of every row."""
         jitter = np.clip(rng.standard_normal(), -JITTER_SIGMAS, JITTER_SIGMAS)
         late_s = self.latency_s + self.jitter_s * float(jitter)
@@ -137,7 +137,7 @@ class ClockDrift(EffectRecord):
         """The stretch."""
         return 1 + 1e-6 * self.ppm
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Stretch the slices and close the window; a rolling shutter closes every row by itself."""
         begin, stretch = -0.5 * rig.exposure_s, 1 + 1e-6 * self.ppm
         later = replace(
@@ -198,7 +198,7 @@ class RollingShutter(EffectRecord):
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
         return 1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1])
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Add the shutter to the slices; row 0 is not affected.
 
         It comes first among the effects on time: those that move the sensor's window move this shutter.

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
@@ -48,7 +48,7 @@ class MirrorTransition(EffectRecord):
         """The share that belongs to the previous mask, and as much that comes from the next one."""
         return self._share(scene.rig)
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Mix the previous mask into the start of each mask's time."""
         if self._share(rig) == 0:
             return signal
@@ -134,7 +134,7 @@ class LcosResponse(EffectRecord):
         ratio = self.tau_s / rig.timing.interval_s
         return min(1.0, float(-np.expm1(-1 / ratio) * ratio))
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Mix the rest of older masks into each mask's time."""
         if self.tau_s == 0:
             return signal

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import U8, U16
+from gs2ci.core.arrays import U8, U16, Rng
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.genicam_nodes import Node, NodeTable, in_categories
@@ -109,7 +109,7 @@ class GenicamTwin:
         model: GenicamModel | None = None,
         faults: FaultSet | None = None,
         *,
-        rng: np.random.Generator | None = None,
+        rng: Rng | None = None,
     ) -> None:
         self.model = model or GenicamModel()
         self.faults = faults or FaultSet()

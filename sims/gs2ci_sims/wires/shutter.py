@@ -8,9 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
-from gs2ci.core.arrays import U16
+from gs2ci.core.arrays import U16, Rng
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.world import Edge, Event, World
 
@@ -91,7 +89,7 @@ class CameraShutter:
         model: ShutterModel,
         faults: FaultSet,
         *,
-        rng: np.random.Generator,
+        rng: Rng,
         exposure_s: Callable[[], float],
         deliver: Callable[[Exposed], None],
         active_low: Callable[[], bool],

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from gs2ci.core.arrays import Rng
 from gs2ci_drivers.ports import MappedMemory
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
@@ -46,7 +47,7 @@ class V4l2Twin:
         model: CameraModel | None = None,
         faults: FaultSet | None = None,
         *,
-        rng: np.random.Generator | None = None,
+        rng: Rng | None = None,
         path: str = "/dev/video0",
         subdevice: str = "/dev/v4l-subdev0",
     ) -> None:

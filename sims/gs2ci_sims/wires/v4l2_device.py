@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from gs2ci.core.arrays import U8, U16
+from gs2ci.core.arrays import U8, U16, Rng
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting, by_rows
 from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, CameraModel, pack_frame
@@ -78,7 +78,7 @@ class CaptureDevice:
 
     _made_shutter, _made_ring, _made_bank = CameraShutter, BufferRing, ControlBank
 
-    def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: np.random.Generator) -> None:
+    def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: Rng) -> None:
         self.parameter = b"0"
         """The module's parameter `trigger_mode`; unplugging does not reset it."""
         self._world = world
