@@ -229,16 +229,16 @@ class LinearSystem:
         told = told_modes(shot.masks[:, counted][lit])
         coding, place = Coding.of(shot), work_place()
         asked = torch.from_numpy(counted).to(place)
-        size = (int(lit.sum()), int(counted.sum()), shot.measurement.shape[2])
-        parts = torch.empty(size, dtype=torch.float64, device=place)
-        for part, view in zip(parts, np.flatnonzero(lit).tolist(), strict=True):
-            alone = Coding(coding.transmissions[view : view + 1].to(place), coding.channels)
-            part[:] = alone.forward(torch.from_numpy(views[view : view + 1]).to(place))[asked]
+        readings = torch.from_numpy(shot.measurement).to(place)[asked].double()
+        parts = readings.new_empty(int(lit.sum()), *readings.shape)
+        for part, view in zip(parts, np.flatnonzero(lit), strict=True):
+            alone = Coding(coding.transmissions[[view]].to(place), coding.channels)
+            part[:] = alone.forward(torch.from_numpy(views[[view]]).to(place))[asked]
         row, column = np.nonzero(counted)
         side = max(_SQUARE_PX, round(np.sqrt(counted.size) / _BLOCKS))
         return cls(
             parts=parts,
-            readings=torch.from_numpy(shot.measurement).to(place)[asked].double(),
+            readings=readings,
             lit=lit,
             light=shot.weights[lit] * shot.masks[lit].sum(axis=(1, 2), dtype=np.float64),
             half=torch.from_numpy((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0).to(place),
@@ -268,10 +268,9 @@ class LinearSystem:
         parts = self.parts[:, pixels].reshape(len(self.parts), -1)
         return (parts @ parts.T).cpu().numpy(), (parts @ self.readings[pixels].reshape(-1)).cpu().numpy()
 
-    def _left(self, brightness: F64, pixels: Tensor | slice = slice(None)) -> Tensor:
-        """Return what views of some brightness, [L], leave of the readings of some pixels, [P, C]."""
-        factors = torch.from_numpy(brightness).to(self.parts.device)
-        return self.readings[pixels] - torch.tensordot(factors, self.parts[:, pixels], dims=1)
+    def _left(self, brightness: F64) -> Tensor:
+        """Return what views of some brightness, [L], leave of the readings, [P, C]."""
+        return self.readings - torch.tensordot(torch.from_numpy(brightness).to(self.parts.device), self.parts, dims=1)
 
     def errors(self) -> F64:
         """Return the standard errors of `solve`, [L], from scores summed over blocks.
@@ -295,16 +294,15 @@ class LinearSystem:
         Args:
             solver: The system that gives each half's brightness, if it is another one.
         """
-        before = self._left(np.ones(len(self.parts))).square().sum(dim=-1)
-        after = torch.empty_like(before)
-        for asked in (self.half, ~self.half):
-            found = (solver or self).solve(asked)
-            if found is None:
-                return 0.0
-            after[~asked] = self._left(found, ~asked).square().sum(dim=-1)
-        if not surely_larger(before.cpu().numpy(), after.cpu().numpy()):
+        one, other = ((solver or self).solve(half) for half in (~self.half, self.half))
+        if one is None or other is None:
             return 0.0
-        return float(1 - (after.mean() / before.mean()).sqrt())
+        squares = (self._left(found).square().sum(dim=-1) for found in (np.ones(len(one)), one, other))
+        before, first, second = (some.cpu().numpy() for some in squares)
+        after = np.where(self.half.cpu().numpy(), first, second)
+        if not surely_larger(before, after):
+            return 0.0
+        return float(1 - np.sqrt(after.mean() / before.mean()))
 
     def of_all_views(self, found: F64) -> F64:
         """Return the brightness of all views, [N], from that of the lit ones; 1 for views without light."""

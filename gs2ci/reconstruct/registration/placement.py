@@ -86,7 +86,7 @@ class Placement(PlacementSection):
             one = self.changed(name, by)
             if name in FIELD:
                 return straight + one.field_px(places)
-            return np.asarray(stated @ one.matrix.T + one.shift_px + bent, np.float64)
+            return stated @ one.matrix.T + one.shift_px + bent
 
         moved = [(seen(name, step) - seen(name, -step)) / 2 for name, step in steps.items()]
         return np.reshape(moved, (len(steps), *places.shape))
