@@ -13,6 +13,7 @@ U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 Bool = NDArray[np.bool_]
+Rng = np.random.Generator
 
 
 def on_host(given: Any) -> Any:
