@@ -478,10 +478,11 @@ def test_a_sensor_that_settles_on_another_bus_format_is_refused(bench: Build, mo
     b.sensor.connect()
     call = VideoNode.call
 
-    def settled(node: VideoNode, request: int, argument: bytearray, *others: Any) -> None:
-        call(node, request, argument, *others)
+    def settled(node: VideoNode, request: int, argument: bytearray, *others: Any, **named: Any) -> bool:
+        answered = call(node, request, argument, *others, **named)
         if request == abi.SUBDEV_S_FMT:
             abi.SubdevFormat.from_buffer(argument).format.code = 0x1234
+        return answered
 
     monkeypatch.setattr(VideoNode, "call", settled)
     with pytest.raises(RefusedError, match=r"refused with 0x1234.*settled on another bus format"):
