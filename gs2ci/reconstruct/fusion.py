@@ -25,7 +25,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.run_figures import Verdict
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
@@ -69,7 +69,7 @@ class Recovered:
     views: F32
     verdict: Verdict
     heldout_rms: dict[Verdict, float | None]
-    notes: tuple[Finding, ...]
+    notes: Findings
     exposed: F32 | None = None
     """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
     scene_views: F32 | None = None
@@ -205,13 +205,13 @@ def _noise(first: FirstLook, views: F32, settings: Settings) -> tuple[F32, float
     return decode_weighing((holdout, *holdout.beside), settings.decode, found)[1], 1.0
 
 
-def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
+def _of_patches_and_decode(polished: float, unfollowed: float) -> Findings:
     """Report the share of views made by patches, and that replaced by the decode because it errs over time."""
     of_patches = (finding(Code.VIEWS_OF_PATCHES, share=polished),) if polished > 0 else ()
     return (*of_patches, finding(Code.SCENE_NOT_FOLLOWING, share=unfollowed)) if unfollowed > 0 else of_patches
 
 
-def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
+def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> Findings:
     """Report the expected error of views if it is large enough to be visible; too much noise would hide it."""
     rms = expected_rms(holdout, given, noise)
     if rms is None or rms < _ERRS:
@@ -223,13 +223,13 @@ def _judged(holdout: Holdout, views: dict[Verdict, F32]) -> dict[Verdict, float 
     return {name: holdout.residual_rms(one) for name, one in views.items()}
 
 
-def _doubts(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
+def _doubts(holdout: Holdout, views: F32) -> Findings:
     return doubts_about_result(holdout, views) if holdout.pixels.any() else (finding(Code.UNJUDGED),)
 
 
 def _polished_densely(
     holdout: Holdout, refined: F32, polishing: tuple[PatchSettings, ...]
-) -> tuple[Candidate | None, tuple[Finding, ...]]:
+) -> tuple[Candidate | None, Findings]:
     """Polish refined views, [N, H, W, C], by the schedules in turn; None if none of them lowers the held-out residual.
 
     A few last steps then use all pixels, those held out included.

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from gs2ci.core.findings import Finding
+from gs2ci.core.findings import Findings
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
@@ -70,7 +70,7 @@ class Observed:
     """
 
     registered: Registered
-    doubts: tuple[Finding, ...]
+    doubts: Findings
     first: FirstLook
     order: OrderFound
     fits: Fits
@@ -90,7 +90,7 @@ class KeptObservation:
     """
 
     registered: Registered
-    doubts: tuple[Finding, ...]
+    doubts: Findings
     first: FirstLook
     order: OrderFound
     mask_moments: MaskMoments | None
@@ -166,7 +166,7 @@ def as_shown(score: Score | None, light: Brightness) -> Score | None:
     return None if score is None else lambda views: score(light.shown(views))
 
 
-def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
+def _examined(shot: Shot, progress: Progress) -> tuple[Shot, Findings]:
     """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
     sound, faulty = close_faulty_pixels(shot)
     return sound, said((*doubts_about(shot), *doubt_about_lamps(sound), *faulty), progress)

@@ -12,10 +12,9 @@ from typing import Annotated, Final, Literal
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
-from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.arrays import F32, I64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import NumericsError
@@ -249,7 +248,7 @@ def _inverse_energy(masks: F32, saturated: Bool | None) -> F32:
     return np.where(counts, inverse, 0.0).astype(np.float32)
 
 
-def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: NDArray[np.int64] | None) -> F32:
+def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: I64 | None) -> F32:
     """Start every view from the measurement divided by its total exposure, [N, C, H, W]; a mosaic stays one.
 
     Pixels that do not count start from a mean of those nearby of their own colour, or of all of it if none is near:
@@ -280,14 +279,14 @@ def _plane_prior(denoise: Denoiser) -> _Prior:
     return prior
 
 
-def _as_measured(colour: F32, channels: NDArray[np.int64] | None) -> F32:
+def _as_measured(colour: F32, channels: I64 | None) -> F32:
     """Return planes, [N, C, H, W]; with a colour filter array, of channel indices [H, W], their mosaic."""
     if channels is None:
         return colour
     return np.take_along_axis(colour, np.broadcast_to(channels, (len(colour), 1, *channels.shape)), axis=1)
 
 
-def _mosaic_prior(channels: NDArray[np.int64], denoise: Denoiser) -> _Prior:
+def _mosaic_prior(channels: I64, denoise: Denoiser) -> _Prior:
     demosaic = Demosaicer(channels)
 
     def prior(views: F32, sigma: float) -> tuple[F32, F32]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import Shot
@@ -69,7 +69,7 @@ class Joint:
     result: RunResult
     scene: Gaussians
     parts: tuple[RunResult, ...]
-    left_out: tuple[Finding, ...]
+    left_out: Findings
 
 
 @one_torch_thread()

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
@@ -113,7 +113,7 @@ def with_what_each_gave(result: RunResult) -> RunResult:
     return replace(result, exposures=tuple(replace(one, seen_alone=share) for one, share in each))
 
 
-def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding, ...]:
+def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> Findings:
     """Return the findings of the exposures: those that all share once, the others with the name of their exposure."""
     shared = Counter(note for part in parts for note in {(note.code, note.sentence) for note in part.notes})
     found, told = [], set()

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gs2ci.core.errors import GeometryError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.reconstruct.exposures.agreement import confirmed, disagreeing
 from gs2ci.reconstruct.exposures.observing import CommonPlace, ObservedExposure, PlacedExposure
 from gs2ci.reconstruct.exposures.placing import by_stage
@@ -33,8 +33,8 @@ class CommonPlaces:
     """
 
     placed: tuple[CommonPlace, ...]
-    left_out: tuple[Finding, ...] = ()
-    notes: tuple[Finding, ...] = ()
+    left_out: Findings = ()
+    notes: Findings = ()
 
     def of(self, observed: Sequence[ObservedExposure]) -> tuple[PlacedExposure, ...]:
         """Return the placed ones among observed exposures."""

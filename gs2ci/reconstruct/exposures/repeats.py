@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.weighing import decode_weighing
@@ -61,7 +61,7 @@ class CommonDecode:
 
 def decoded_together(
     observed: Sequence[ObservedExposure], settings: Settings, prior: GeometryPrior, progress: Progress
-) -> tuple[list[ObservedExposure], tuple[Finding, ...]]:
+) -> tuple[list[ObservedExposure], Findings]:
     """Find repeats, decode them together, and find one path and depth for each group of them.
 
     Exposures that repeat none are returned as they are. Of a group, those stay whose held-out pixels the common decode

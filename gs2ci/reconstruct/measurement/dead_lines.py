@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, Bool
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import without_pixels
 
@@ -20,7 +20,7 @@ _AXES: Final = ((1, "rows"), (0, "columns"))
 _ROUNDS: Final = 2
 
 
-def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
+def close_dead_lines(shot: Shot) -> tuple[Shot, Findings]:
     """Close the masks over dead lines, so that no stage uses their readings; report which.
 
     Working pixels differ from their neighbours at least by noise. Lines are judged by their pixels that got light and

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import convolve
 
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, beyond_white, without_pixels
 
@@ -18,7 +18,7 @@ from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, beyond_white, wi
 _NEIGHBOURS: Final = 2
 
 
-def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
+def close_hot_pixels(shot: Shot) -> tuple[Shot, Findings]:
     """Close the masks over hot pixels, so that no stage uses their readings; report how many.
 
     No view can explain them, and a fit would make a bright Gaussian of each that disturbs all views. A reading known to

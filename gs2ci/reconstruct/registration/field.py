@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import Size
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile, agreed
 from gs2ci.reconstruct.registration.fine import MisfitEstimate, Problem, pixel_weights, refine, settled
@@ -61,7 +62,7 @@ def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> Misf
     return closer
 
 
-def _by_tiles(tiles: list[Tile], placement: Misfit, size: tuple[int, int]) -> Misfit | None:
+def _by_tiles(tiles: list[Tile], placement: Misfit, size: Size) -> Misfit | None:
     """Return a placement with a field on which tiles agree; None if too few do, or if none is displaced."""
     if not any((tile.peak.down_px, tile.peak.right_px) != (0.0, 0.0) for tile in tiles if tile.peak.is_sure):
         return None
@@ -73,7 +74,7 @@ def _by_tiles(tiles: list[Tile], placement: Misfit, size: tuple[int, int]) -> Mi
     return placement.stepped({name: step * times for (name, step), times in changes})
 
 
-def bent_px(placement: Placement, size: tuple[int, int]) -> float:
+def bent_px(placement: Placement, size: Size) -> float:
     """Return the largest displacement of masks by a field relative to the best affine, px."""
     rows, columns = (np.linspace(-0.5, 0.5, _GRID) * (n - 1) for n in size)
     places = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)

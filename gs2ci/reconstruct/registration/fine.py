@@ -16,7 +16,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_sums
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -66,7 +66,7 @@ class Problem:
     unit: float
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> Size:
         """Get height and width in pixels."""
         return self.masks.stated.shape[0], self.masks.stated.shape[1]
 

@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.core.run_figures import PlacementSection
 from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX, GEOMETRY
 
@@ -96,7 +96,7 @@ class Placement(PlacementSection):
         moved: F64 = there - places
         return moved
 
-    def displacement_px(self, size: tuple[int, int]) -> F64:
+    def displacement_px(self, size: Size) -> F64:
         """Return the displacement of the masks at the picture's middle and four corners, [5, 2], as (down, right)."""
         middle = (np.array(size) - 1) / 2
         return self.moved_px(np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle)

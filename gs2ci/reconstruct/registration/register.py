@@ -15,7 +15,7 @@ from pydantic import Field
 from gs2ci.core.arrays import Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import PlacementSection, RegistrationSection
@@ -106,7 +106,7 @@ class Registered:
     first_mask: int = 0
     tried: dict[str, tuple[float, float]] = field(default_factory=dict)
     averaged: Bool | None = None
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
 
     @property
     def is_changed(self) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from gs2ci.core.arrays import F64, Bool
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.measurement.holdout import surely_larger
@@ -38,7 +38,7 @@ class Rim:
 
     unknown: Bool
     averaged: bool = False
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
 
 
 def complete(shot: Shot, misfit: Misfit, untold: Bool | None = None) -> tuple[Shot, Rim]:
@@ -69,7 +69,7 @@ def complete(shot: Shot, misfit: Misfit, untold: Bool | None = None) -> tuple[Sh
     return _with(replace(shot, measurement=_averaged(shot, unknown)), flat), rim
 
 
-def _guessed(unknown: Bool, made: str) -> tuple[Finding, ...]:
+def _guessed(unknown: Bool, made: str) -> Findings:
     return (finding(Code.RIM_GUESSED, share=float(unknown.mean()), made=made),)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gs2ci.core.arrays import Bool
+from gs2ci.core.arrays import Bool, Size
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.admission import Corner, level_of, squares_of
@@ -91,7 +91,7 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     return ways[best] if surely_larger(before, squares[best]) else rival
 
 
-def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
+def _most_bent(misfit: Misfit, size: Size) -> Corner | None:
     """Return the corner that a field moves most; None without a field."""
     if not misfit.field.any():
         return None

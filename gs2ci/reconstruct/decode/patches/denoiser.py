@@ -7,9 +7,8 @@ Here: which groups are used when, and colour. Not here: the search for them (`ma
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, I32, Size
 from gs2ci.reconstruct.decode.patches.device_groups import MOST_PATCHES, denoise_groups_on_device
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
@@ -65,7 +64,7 @@ class SimilarPatches:
         return denoised
 
 
-def _denoise(planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32) -> F32:
+def _denoise(planes: F32, corners: I32, patch: Size, sigma: float, fallback: F32) -> F32:
     """Denoise planes, [C, N, H, W], by the same groups, where such work is to be done (`places`)."""
     device, members = working_device(), corners.shape[1]
     if device is None or members > MOST_PATCHES or members >= patch[0] * patch[1]:

@@ -11,9 +11,8 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, I32, Size
 from gs2ci.reconstruct.decode.patches.low_rank import patches_over
 
 MOST_PATCHES: Final = 32
@@ -26,7 +25,7 @@ _AT_ONCE: Final = 4096
 
 
 def denoise_groups_on_device(
-    planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32, device: torch.device
+    planes: F32, corners: I32, patch: Size, sigma: float, fallback: F32, device: torch.device
 ) -> F32:
     """Denoise planes together by groups of fewer similar patches than a patch has pixels.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.paper.proxies.amdi import mask_decoded_views
 from gs2ci.reconstruct.paper.proxies.eni import energy_normalised_views, masked_measurements
@@ -95,9 +95,7 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto", ma
     return Proxies(np.clip(views, 0, 1), chosen, multiplicity(masks_of or shot), note)
 
 
-def geometry_views(
-    seen: Shot, proxy: ProxyMethod | Literal["routed"], masks_of: Shot
-) -> tuple[F32, tuple[Finding, ...]]:
+def geometry_views(seen: Shot, proxy: ProxyMethod | Literal["routed"], masks_of: Shot) -> tuple[F32, Findings]:
     """Return the views for the geometry stage, [N, H, W, C], and the findings about them.
 
     Args:
