@@ -17,8 +17,7 @@ from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import Decoder, FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
+from gs2ci.reconstruct.decode.patches.decoder import LEAST_GAIN, PatchSettings, decode_until_settled
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict

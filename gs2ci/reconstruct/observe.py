@@ -26,9 +26,8 @@ from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
 from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.doubts import doubt_about_lamps, doubts_about
-from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
+from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels, fill_holes
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings

@@ -21,14 +21,14 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.decode.weighing import decode_weighing
 from gs2ci.reconstruct.exposures.observing import ObservedExposure, held
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
+from gs2ci.reconstruct.fusion import decode_weighing
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import Brightness
+from gs2ci.reconstruct.measurement.faulty import fill_holes
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.observe import as_shown
 from gs2ci.reconstruct.settings import Settings
 

@@ -6,7 +6,7 @@ parameters of position are the two by a shift, times how far each moves what the
 inverse of their mean square around a pixel, so that edges do not dominate. Standard errors come from scores summed over
 blocks of the picture, since neighbours share their texture.
 
-Here: the search and its errors. Not here: which parameters are accepted (`proposals`, `field`).
+Here: the search and its errors. Not here: which parameters are accepted (`proposals`).
 """
 
 from collections.abc import Callable, Mapping

@@ -5,7 +5,7 @@ of second and third order, and fifth order radially, as a relay lens between mod
 pixel integrates the light that falls on it. If elements are as wide as a pixel, or wider and aligned with the pixel
 grid, a shifted mask seen by pixels is exactly the bilinear interpolation of its values, which is used here.
 
-Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `field`), blur and light (`misfit`).
+Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `proposals`), blur and light (`misfit`).
 """
 
 from collections.abc import Mapping
