@@ -152,7 +152,8 @@ def _series(twists: F64) -> tuple[F64, F64]:
     Of turns beyond a radian, which no fit takes on purpose, those of a small part are doubled until they are whole.
     """
     if not np.isfinite(twists).all():
-        return (np.full((len(twists), 6, 6), np.nan),) * 2
+        unknown = np.full((len(twists), 6, 6), np.nan)
+        return unknown, unknown
     angle = float(np.linalg.norm(twists[:, 3:], axis=1).max())
     doublings = max(0, math.frexp(angle)[1])
     small, power = np.zeros((2, len(twists), 6, 6))
