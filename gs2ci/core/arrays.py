@@ -15,6 +15,7 @@ U32 = NDArray[np.uint32]
 Bool = NDArray[np.bool_]
 Size = tuple[int, int]
 """Rows and columns, or height and width in px."""
+Rng = np.random.Generator
 
 
 def on_host(given: Any) -> Any:

@@ -219,7 +219,7 @@ def plug_and_play(
         smooth = _total_variation(denoise)
         if smooth is not None:
             return _on_device(views, equations, targets[0], levels.tolist(), smooth, noise, progress, device)
-    seen = views
+    seen = views = repeated(views[0], shot.views) if len(views) < shot.views else views
     progress.stage("decode", len(levels))
     for iteration, sigma in enumerate(levels.tolist()):
         error_power = 1.0 if noise is None else noise.error_power(sigma)
@@ -263,7 +263,7 @@ def _on_device(
         progress.step(step, residual=_relative(left, equations.each))
 
     given = (one.masks, one.measured, one.inverse_energy)
-    return interleaved(gap_on_device(views, given, target, levels, smooth, told, device))
+    return gap_on_device(views, given, target, levels, smooth, told, device)
 
 
 @dataclass(frozen=True)
@@ -327,7 +327,7 @@ def _inverse_energy(masks: F32, saturated: Bool | None) -> F32:
 
 
 def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: I64 | None) -> F32:
-    """Start every view from the measurement divided by its total exposure, [N, C, H, W]; a mosaic stays one.
+    """Start every view from the measurement divided by its total exposure, [1, C, H, W]; a mosaic stays one.
 
     Pixels that do not count start from a mean of those nearby of their own colour, or of all of it if none is near:
     smoothing alone would take long to fill them, and never fill a wide hole.
@@ -342,7 +342,7 @@ def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: I64 | N
         for plane, level, around in zip(average, mean, np.broadcast_to(nearby, average.shape), strict=True)
     ]
     average = np.where(read, average, filled).astype(np.float32)
-    return repeated(_as_measured(average[None], channels)[0], len(masks))
+    return _as_measured(average[None], channels)
 
 
 def _blur(plane: F32) -> F32:

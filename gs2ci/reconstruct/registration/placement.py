@@ -79,12 +79,16 @@ class Placement(PlacementSection):
 
     def derivatives(self, steps: Mapping[str, float], places: F64) -> F64:
         """Return how far steps of parameters move what is seen at positions from the middle, [..., 2]; [P, ..., 2]."""
-        stated = self.stated_at(places)
+        stated, bent = self.stated_at(places), self.field_px(places)
+        straight = stated @ self.matrix.T + self.shift_px
 
-        def seen(one: Placement) -> F64:
-            return np.asarray(stated @ one.matrix.T + one.shift_px + one.field_px(places), np.float64)
+        def seen(name: str, by: float) -> F64:
+            one = self.changed(name, by)
+            if name in FIELD:
+                return straight + one.field_px(places)
+            return stated @ one.matrix.T + one.shift_px + bent
 
-        moved = [(seen(self.changed(name, step)) - seen(self.changed(name, -step))) / 2 for name, step in steps.items()]
+        moved = [(seen(name, step) - seen(name, -step)) / 2 for name, step in steps.items()]
         return np.reshape(moved, (len(steps), *places.shape))
 
     def moved_px(self, places: F64) -> F64:
