@@ -40,10 +40,8 @@ from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
-from gs2ci.reconstruct.exposures.joint import reconstruct_together
-from gs2ci.reconstruct.exposures.observing import observe_all
-from gs2ci.reconstruct.exposures.placing import moved
-from gs2ci.reconstruct.exposures.schedule import shared_schedule
+from gs2ci.reconstruct.exposures.joint import reconstruct_together, shared_schedule
+from gs2ci.reconstruct.exposures.observing import moved, observe_all
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring

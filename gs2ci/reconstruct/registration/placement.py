@@ -5,7 +5,7 @@ of second and third order, and fifth order radially, as a relay lens between mod
 pixel integrates the light that falls on it. If elements are as wide as a pixel, or wider and aligned with the pixel
 grid, a shifted mask seen by pixels is exactly the bilinear interpolation of its values, which is used here.
 
-Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `field`), blur and light (`misfit`).
+Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `proposals`), blur and light (`misfit`).
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.core.run_figures import PlacementSection
 from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX, GEOMETRY
 
@@ -100,7 +100,7 @@ class Placement(PlacementSection):
         moved: F64 = there - places
         return moved
 
-    def displacement_px(self, size: tuple[int, int]) -> F64:
+    def displacement_px(self, size: Size) -> F64:
         """Return the displacement of the masks at the picture's middle and four corners, [5, 2], as (down, right)."""
         middle = (np.array(size) - 1) / 2
         return self.moved_px(np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle)
