@@ -54,7 +54,7 @@ A simulated bench runs the same drivers as a real one, against twins of the devi
 better than real devices, and the setting that switches it. `devices = "typical"` in `[world]`, the default, sets all
 figures of the last column that the rig file does not set itself; `devices = "ideal"` sets none. The twins' protocols,
 errors and faults are not ideal in any case ([faults](faults.md)).
-Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
+Made from `sims/gs2ci_sims/idealisations.toml` by `python -m tests.docs`.
 """
 
 _DEVICES_HEAD = """\

@@ -31,7 +31,7 @@ FILES = (
     "gs2ci/reconstruct/decode/patches/within_time.py",
     "gs2ci/reconstruct/fit/scene/smear.py",
     "gs2ci/reconstruct/geometry/sources/wide.py",
-    "gs2ci/reconstruct/registration/field.py",
+    "gs2ci/reconstruct/registration/proposals.py",
     "gs2ci/reconstruct/registration/sharpen.py",
     "sims/gs2ci_sims/effects/views.py",
 )

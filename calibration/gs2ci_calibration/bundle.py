@@ -330,7 +330,9 @@ def _opened(path: Path) -> Iterator[SuspectFile]:
         with h5py.File(path, "r") as file:
             schema = file.attrs.get("schema")
             if schema != SCHEMA:
-                raise StorageError(f"{path}: schema {schema!r}", allowed=f"schema {SCHEMA}", remedy=REMEDY)
+                shots = str(schema).startswith("gs2ci.capture/")
+                remedy = "it holds exposures: give the file that `gs2ci calibrate` wrote" if shots else REMEDY
+                raise StorageError(f"{path}: schema {schema!r}", allowed=f"schema {SCHEMA}", remedy=remedy)
             reader = SuspectFile(path, file)
             if int(reader.require("complete", axes=0)) != 1:
                 raise StorageError(f"{path}: never finished", remedy=REMEDY)

@@ -26,6 +26,8 @@ ROUNDING_TOLERANCE = 0.1
 """Share by which the modulator may round the time of a mask or of the darkness between masks."""
 ROWS_TOLERANCE = 0.02
 """Share of a mask that the last rows of a rolling shutter may miss: the weights of the masks are those of all rows."""
+LEAST_PARALLAX_PX = 0.4
+"""What a turn of the camera explains of a path, so that near and far cannot be told (docs/stability.md)."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
@@ -421,8 +423,9 @@ def _parallax_figures(settings: CaptureSettings, sequence: PatternSequence, swee
     near_px = optics.focal_px * baseline_mm / optics.nearest_mm
     far_px = optics.focal_px * baseline_mm / optics.farthest_mm if optics.farthest_mm else 0.0
     blur_px = near_px * sequence.exposure_s / float(sequence.windows_s()[-1, 1])
+    small = "; too little for depth" if near_px - far_px < LEAST_PARALLAX_PX else ""
     return [
         Figure("motion in the picture", f"{near_px:.2f} px near, {far_px:.2f} px far over one exposure"),
-        Figure("parallax", f"{near_px - far_px:.2f} px between near and far"),
+        Figure("parallax", f"{near_px - far_px:.2f} px between near and far{small}"),
         Figure("blur within one mask", f"up to {blur_px:.2f} px"),
     ]

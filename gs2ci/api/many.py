@@ -67,11 +67,12 @@ def reconstruct_many(
         raise InputError(
             f"both --all and --index {index}", remedy="give one of them; in Python, index with every=False"
         )
+    numbers = dict(overrides)
     focal_px = overrides.pop("focal_px", None)
     from gs2ci.api.overrides import Overrides, score_against_truth, settings_of, with_focal
 
     changes = Overrides(**overrides)
-    check_overrides(changes.iterations, changes.fits, focal_px, changes.seed)
+    check_overrides(numbers)
     from gs2ci.batch import reconstruct as batch
     from gs2ci.batch.exposures import largest_pixels, list_exposures
 

@@ -28,8 +28,8 @@ from gs2ci.reconstruct.choices import (
 )
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.density.base import DensityRule
-from gs2ci.reconstruct.paper import ablation
 from gs2ci.reconstruct.paper.fine import FineSettings
+from gs2ci.reconstruct.paper.preset import without
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.devices import check_device
@@ -106,7 +106,7 @@ class Overrides:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
-        settings = self._on_fit(ablation.without(settings, self.without))
+        settings = self._on_fit(without(settings, self.without))
         if self.fine_stage:
             stage = settings.fine or settings.fine_if_asked or FineSettings()
             settings = replace(settings, fine=stage.with_models(self.prior, self.distance))

@@ -5,7 +5,7 @@ Here: the order of these, with the progress shown. Not here: what arguments chan
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,34 +145,16 @@ def reconstruct(
         >>> run.save("recovered").name
         'recovered'
     """
+    given = locals()
     began_s = time.monotonic() - command_age_s()
-    check_overrides(iterations, fits, focal_px, seed)
+    check_overrides(given)
     shots = [with_focal_of(one, focal_px) for one in every_exposure(shot, together=together)]
     from gs2ci.api.overrides import Overrides, budget_seconds, score_against_truth, settings_of
     from gs2ci.reconstruct import pipeline
     from gs2ci.reconstruct.exposures.joint import reconstruct_together
     from gs2ci.reconstruct.presets.budget import Budget
 
-    overrides = Overrides(
-        geometry=geometry,
-        proxy=proxy,
-        first_look=first_look,
-        density=density,
-        without=without,
-        iterations=iterations,
-        fits=fits,
-        sh_degree=sh_degree,
-        fine=fine,
-        prior=prior,
-        distance=distance,
-        trust_weights=trust_weights,
-        light=light,
-        within_mask=within_mask,
-        registration=registration,
-        motion=motion,
-        device=device,
-        seed=seed,
-    )
+    overrides = Overrides(**{name: given[name] for name in Overrides.__dataclass_fields__})
     budget_s = budget_seconds(budget, preset, overrides)
     if together and budget_s is not None:
         raise InputError("--together within a budget", allowed="a preset", remedy="leave out one of the two")
@@ -218,7 +200,7 @@ def foresee(
     Raises:
         Gs2ciError: The shot or a value cannot be used, or a budget is given.
     """
-    check_overrides(overrides.get("iterations"), overrides.get("fits"), focal_px, overrides.get("seed", 42))
+    check_overrides({**overrides, "focal_px": focal_px})
     if budget is not None:
         remedy = "leave out one of the two: `--budget` says itself what it fits"
         raise InputError("--explain-plan within a budget", allowed="a preset", remedy=remedy)
@@ -237,13 +219,13 @@ def with_focal_of(shot: Shot | str | Path, focal_px: float | None) -> Shot:
     return with_focal(focal_px, shot.check() if isinstance(shot, Shot) else load(shot))
 
 
-def check_overrides(iterations: int | None, fits: int | None, focal_px: float | None, seed: int) -> None:
-    """Check the given numbers before anything is read.
+def check_overrides(given: Mapping[str, Any]) -> None:
+    """Check the numbers among arguments of `reconstruct`, before anything is read.
 
     Raises:
         InputError: One is out of bounds.
     """
-    check_whole("--iterations", iterations, 1)
-    check_whole("--fits", fits, 1, MOST_FITS)
-    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
-    check_seed(seed)
+    check_whole("--iterations", given.get("iterations"), 1)
+    check_whole("--fits", given.get("fits"), 1, MOST_FITS)
+    check_number("--focal-px", given.get("focal_px"), *FOCAL_RANGE_PX)
+    check_seed(given.get("seed", 42))

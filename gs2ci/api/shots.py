@@ -4,7 +4,7 @@ Here: `load`, `save`, `import_file`, `recover`. Not here: any guess about a fore
 layouts (`gs2ci.core.storage`).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
 
@@ -149,7 +149,8 @@ def import_file(
         >>> len(imported.shots), len(imported.guesses) > 0
         (1, True)
     """
-    check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion, stage_error)
+    given = locals()
+    check_imports(given)
     check_number("--stage-turn-error-deg", stage_turn_error_deg, most=90, above=0)
     about = stage_error, stage_turn_error_deg, None if tuple(stage_axes) == ("right", "down", "ahead") else stage_axes
     if stage is None and any(one is not None for one in about):
@@ -165,58 +166,38 @@ def import_file(
     check_choice("--meas-layout", meas_layout, get_args(Layout))
     check_choice("--bad-pixels", bad_pixels, get_args(pixels.BadPixels))
     check_choice("--curve", curve, get_args(curves.CurveName))
-    options = ImportOptions(
-        meas_key=meas_key,
-        mask_key=mask_key,
-        truth_key=truth_key,
-        white_key=white_key,
-        dark_key=dark_key,
-        mask_axis=mask_axis,
-        meas_layout=meas_layout,
-        views=views,
-        reverse_masks=reverse_masks,
-        mask_scale=mask_scale,
-        scale=scale,
-        offset=offset,
-        saturation=saturation,
-        cfa=cfa,
-        focal_px=focal_px,
-        distortion=Array("--distortion", np.array(distortion)) if len(distortion) else None,
-        bad_pixels=bad_pixels,
-        curve=curve,
-        intrinsics=Path(intrinsics) if isinstance(intrinsics, str | Path) else _given("--intrinsics", intrinsics),
-        world_to_camera=_given("--poses", poses),
-        truth=_given("--truth", truth),
-        stage=None if stage is None else _place(stage),
-        stage_axes=tuple(stage_axes),
-        stage_error=stage_error,
-        stage_turn_error_deg=stage_turn_error_deg,
-    )
-    return import_shots(_place(path), None if masks is None else _place(masks), options)
+    options = {name: given[name] for name in ImportOptions.__dataclass_fields__ if name in given} | {
+        "distortion": Array("--distortion", np.array(distortion)) if len(distortion) else None,
+        "intrinsics": Path(intrinsics) if isinstance(intrinsics, str | Path) else _given("--intrinsics", intrinsics),
+        "world_to_camera": _given("--poses", poses),
+        "truth": _given("--truth", truth),
+        "stage": None if stage is None else _place(stage),
+        "stage_axes": tuple(stage_axes),
+    }
+    return import_shots(_place(path), None if masks is None else _place(masks), ImportOptions(**options))
 
 
-def check_imports(
-    focal_px: float | None,
-    mask_scale: float | None,
-    scale: float | None,
-    offset: float | None,
-    saturation: float | None,
-    views: int | None,
-    distortion: Sequence[float],
-    stage_error: float | None = None,
-) -> None:
-    """Check the numbers given for a foreign file.
+# What is accepted, from and to.
+_BOUNDS: Final = {
+    "focal_px": FOCAL_RANGE_PX,
+    "mask_scale": (1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT),
+    "scale": (1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT),
+    "offset": (-MEASUREMENT_LIMIT, MEASUREMENT_LIMIT),
+    "saturation": (0, MEASUREMENT_LIMIT),
+    "stage_error": _ERROR_RANGE,
+}
+
+
+def check_imports(given: Mapping[str, Any]) -> None:
+    """Check the numbers among the arguments of `import_file`.
 
     Raises:
         InputError: One is out of bounds, or the distortion is no list.
     """
-    check_whole("--views", views, 1)
-    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
-    for option, reading in (("--mask-scale", mask_scale), ("--scale", scale)):
-        check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
-    check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
-    check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
-    check_number("--stage-error", stage_error, *_ERROR_RANGE)
+    check_whole("--views", given["views"], 1)
+    for name, bounds in _BOUNDS.items():
+        check_number(f"--{name.replace('_', '-')}", given[name], *bounds)
+    distortion = given["distortion"]
     if not isinstance(distortion, Iterable):
         raise InputError(
             f"--distortion {distortion}",

@@ -11,7 +11,7 @@ from gs2ci.commands.answers import AsJson, answered
 from gs2ci.commands.lines import say
 from gs2ci.core.errors import Gs2ciError
 
-MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]"}
+MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]", "know": "[dim]know[/]"}
 
 
 def run(*, rig: Path, trigger_loop: bool = True, json: AsJson = False) -> None:

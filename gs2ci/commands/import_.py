@@ -62,8 +62,7 @@ def run(
         "intrinsics": _camera(intrinsics),
         "distortion": distortion,
     }
-    numbers = ("focal_px", "mask_scale", "scale", "offset", "saturation", "views", "distortion", "stage_error")
-    check_imports(**{name: known[name] for name in numbers})
+    check_imports(known)
     from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
 

@@ -74,7 +74,7 @@ def run(
         KeyboardInterrupt: The user interrupted; during the fit, the folder is written first.
     """
     overrides["density"] = density
-    reconstruction.check_overrides(overrides["iterations"], overrides["fits"], overrides["focal_px"], overrides["seed"])
+    reconstruction.check_overrides(overrides)
     check_whole("--moments", moments, 2, MOST_MOMENTS)
     together = overrides.pop("together")
     if together and (explain_plan or scheduler or processes is not None or moments is not None):

@@ -13,6 +13,9 @@ U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 Bool = NDArray[np.bool_]
+Size = tuple[int, int]
+"""Rows and columns, or height and width in px."""
+Rng = np.random.Generator
 
 
 def on_host(given: Any) -> Any:

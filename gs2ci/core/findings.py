@@ -280,6 +280,9 @@ class Finding:
         return self.sentence if self.code.weight is REMARK else f"{self.sentence} {self.code.remedy}"
 
 
+Findings = tuple[Finding, ...]
+
+
 def finding(code: Code, /, **figures: Figure) -> Finding:
     """Make a finding, and write its sentence.
 

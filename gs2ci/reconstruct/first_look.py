@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import Decoder, FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
+from gs2ci.reconstruct.decode.patches.decoder import LEAST_GAIN, PatchSettings, decode_until_settled
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
@@ -51,7 +50,7 @@ class FirstLook:
     decoded: F32
     geometry: Geometry
     brightness: Brightness
-    proxy_notes: tuple[Finding, ...] = ()
+    proxy_notes: Findings = ()
     decoder: FirstLookName = "gap-tv"
     sigma: float | None = None
     brief_rms: float | None = None
@@ -96,7 +95,7 @@ class FirstLook:
         return weights if factors is None else weights / factors
 
     @property
-    def notes(self) -> tuple[Finding, ...]:
+    def notes(self) -> Findings:
         """Get the findings about the proxies and the brightness."""
         factors = self.brightness.factors
         if factors is None:

@@ -17,7 +17,7 @@ Here: the candidates, the name of the result, and how long polishing takes. Not 
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -25,13 +25,11 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.run_figures import Verdict
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
-from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
-from gs2ci.reconstruct.decode.weighing import decode_weighing
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from, seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
@@ -42,6 +40,39 @@ from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.settings import Settings
+
+# How much noise of the readings a decode weighs: as much as leaves least of the held-out pixels.
+#
+# A decode that weighs too much lacks detail, and one that weighs too little shows noise: either predicts readings that
+# it has not seen less well.
+
+# The noise is sought downwards in steps of this factor of power.
+_STEP: Final = 4.0
+_STEPS: Final = 7
+
+
+def decode_weighing(holdouts: Sequence[Holdout], settings: GapTvSettings, most: F32) -> tuple[F32, F32]:
+    """Decode measurements of the same views without their held-out pixels, which tell the noise of the readings.
+
+    Args:
+        holdouts: The measurements, with held-out pixels.
+        settings: Of the decoder.
+        most: Power of the noise in each reading at most, [H, W, C].
+
+    Returns:
+        The views, [N, H, W, C], and the noise that was weighed, [H, W, C].
+    """
+    seen, best, found = [one.seen for one in holdouts], math.inf, None
+    for step in range(_STEPS):
+        noise = most * np.float32(_STEP**-step)
+        views = gap_tv(seen, settings, noise=noise)
+        left = float(np.mean([(one.residual_rms(views) or math.inf) ** 2 for one in holdouts]))
+        if found is not None and left >= best:
+            break
+        best, found = left, (views, noise)
+    assert found is not None
+    return found
+
 
 # A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
 # most, and the candidates made from it cost several decodes' time.
@@ -69,7 +100,7 @@ class Recovered:
     views: F32
     verdict: Verdict
     heldout_rms: dict[Verdict, float | None]
-    notes: tuple[Finding, ...]
+    notes: Findings
     exposed: F32 | None = None
     """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
     scene_views: F32 | None = None
@@ -205,13 +236,13 @@ def _noise(first: FirstLook, views: F32, settings: Settings) -> tuple[F32, float
     return decode_weighing((holdout, *holdout.beside), settings.decode, found)[1], 1.0
 
 
-def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
+def _of_patches_and_decode(polished: float, unfollowed: float) -> Findings:
     """Report the share of views made by patches, and that replaced by the decode because it errs over time."""
     of_patches = (finding(Code.VIEWS_OF_PATCHES, share=polished),) if polished > 0 else ()
     return (*of_patches, finding(Code.SCENE_NOT_FOLLOWING, share=unfollowed)) if unfollowed > 0 else of_patches
 
 
-def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
+def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> Findings:
     """Report the expected error of views if it is large enough to be visible; too much noise would hide it."""
     rms = expected_rms(holdout, given, noise)
     if rms is None or rms < _ERRS:
@@ -223,13 +254,13 @@ def _judged(holdout: Holdout, views: dict[Verdict, F32]) -> dict[Verdict, float 
     return {name: holdout.residual_rms(one) for name, one in views.items()}
 
 
-def _doubts(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
+def _doubts(holdout: Holdout, views: F32) -> Findings:
     return doubts_about_result(holdout, views) if holdout.pixels.any() else (finding(Code.UNJUDGED),)
 
 
 def _polished_densely(
     holdout: Holdout, refined: F32, polishing: tuple[PatchSettings, ...]
-) -> tuple[Candidate | None, tuple[Finding, ...]]:
+) -> tuple[Candidate | None, Findings]:
     """Polish refined views, [N, H, W, C], by the schedules in turn; None if none of them lowers the held-out residual.
 
     A few last steps then use all pixels, those held out included.

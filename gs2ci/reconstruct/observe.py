@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from gs2ci.core.findings import Finding
+from gs2ci.core.findings import Findings
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, said
 from gs2ci.core.records import Shot
@@ -26,9 +26,8 @@ from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
 from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.doubts import doubt_about_lamps, doubts_about
-from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
+from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels, fill_holes
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
@@ -70,7 +69,7 @@ class Observed:
     """
 
     registered: Registered
-    doubts: tuple[Finding, ...]
+    doubts: Findings
     first: FirstLook
     order: OrderFound
     fits: Fits
@@ -90,7 +89,7 @@ class KeptObservation:
     """
 
     registered: Registered
-    doubts: tuple[Finding, ...]
+    doubts: Findings
     first: FirstLook
     order: OrderFound
     mask_moments: MaskMoments | None
@@ -166,7 +165,7 @@ def as_shown(score: Score | None, light: Brightness) -> Score | None:
     return None if score is None else lambda views: score(light.shown(views))
 
 
-def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
+def _examined(shot: Shot, progress: Progress) -> tuple[Shot, Findings]:
     """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
     sound, faulty = close_faulty_pixels(shot)
     return sound, said((*doubts_about(shot), *doubt_about_lamps(sound), *faulty), progress)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.run_figures import CurvePoint, GeometrySection, Moved
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
@@ -51,7 +51,7 @@ class Left:
     """The results of the stages, in their order."""
 
     registered: Registered
-    doubts: tuple[Finding, ...]
+    doubts: Findings
     look: FirstLook
     raced: Raced
     geometry: Geometry
@@ -120,7 +120,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     ).check()
 
 
-def _notes(left: Left, settings: Settings, moved: Moved) -> tuple[Finding, ...]:
+def _notes(left: Left, settings: Settings, moved: Moved) -> Findings:
     """Gather the findings of every stage, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
     poses_known = geometry.has_path or geometry.known_at_rest
@@ -147,7 +147,7 @@ def _notes(left: Left, settings: Settings, moved: Moved) -> tuple[Finding, ...]:
     )
 
 
-def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> tuple[Finding, ...]:
+def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> Findings:
     """Report that the principal point may move, if a path that neither stage nor file gave turns as if it did."""
     if not geometry.has_path or geometry.is_given:
         return ()
@@ -156,7 +156,7 @@ def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight)
     return doubts_about_centre(world_to_camera, geometry.intrinsics, inverse, geometry.reference)
 
 
-def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) -> tuple[Finding, ...]:
+def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) -> Findings:
     """Report that a depth without given poses is unreliable if the views hardly explain the measurement."""
     if not geometry.has_path or geometry.is_given or geometry.order_given:
         return ()
@@ -166,7 +166,7 @@ def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) 
     return (finding(Code.DEPTH_IN_NOISE, share=rms / grey),)
 
 
-def _path_unconfirmed(geometry: Geometry, recovered: Recovered, brief_rms: float | None) -> tuple[Finding, ...]:
+def _path_unconfirmed(geometry: Geometry, recovered: Recovered, brief_rms: float | None) -> Findings:
     """Report that the scene along a path predicts the held-out pixels worse than the decode does.
 
     Worse than the brief decode, if the path turns far: such a scene is hard to fit, even along the right path.
@@ -179,7 +179,7 @@ def _path_unconfirmed(geometry: Geometry, recovered: Recovered, brief_rms: float
     return (finding(Code.PATH_UNCONFIRMED, more=scene / decode - 1),)
 
 
-def _smeared(left: Left) -> tuple[Finding, ...]:
+def _smeared(left: Left) -> Findings:
     """Report views that look smeared by a camera that moved during the masks, if each mask was fitted with one pose."""
     path = left.ensemble.best.world_to_camera
     if left.mask_moments is not None or len(path) < 2:
@@ -188,14 +188,14 @@ def _smeared(left: Left) -> tuple[Finding, ...]:
     return smeared_views(left.recovered.views, motion_px(left.geometry, path, open_share))
 
 
-def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:
+def _fits_missing(ensemble: Ensemble, settings: Settings) -> Findings:
     there = 1 + len(ensemble.others)
     if there >= settings.fits:
         return ()
     return (finding(Code.FITS_MISSING, fits=there, of=settings.fits),)
 
 
-def _fine_left_out(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:
+def _fine_left_out(ensemble: Ensemble, settings: Settings) -> Findings:
     moves = ensemble.best.scene.motion is not None
     return (finding(Code.FINE_LEFT_OUT),) if moves and settings.fine is not None else ()
 
@@ -209,7 +209,7 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
     return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
 
 
-def _notes_on_poses(moved: Moved, geometry: Geometry) -> tuple[Finding, ...]:
+def _notes_on_poses(moved: Moved, geometry: Geometry) -> Findings:
     source = geometry.source
     if source == PathSource.TRACKS or geometry.known_at_rest:
         return ()

@@ -40,7 +40,7 @@ class Settings(Bounded):
         proxy: The views from which geometry is estimated: the decoded ones ("gap-tv"), or the proxies of the paper.
         first_look: The decoder that runs before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
-        long_decode: Of the decode by similar patches (`decode.patches.watched`), which may become part of the delivered
+        long_decode: Of the decode by similar patches (`decode.patches.decoder`), which may become part of the delivered
             views and gives fits of moving scenes their start; None: only the first look decodes.
         polish: Of the decode by similar patches that starts from the refined views, as one more candidate for the
             delivered ones (`fusion`); None skips it.

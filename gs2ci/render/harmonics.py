@@ -109,7 +109,7 @@ def turned(harmonics: Tensor, rotation: Tensor) -> Tensor:
         harmonics: [G, K, 3].
         rotation: new_from_old, [3, 3].
     """
-    directions = _spread_directions(64).to(torch.float64)
+    directions = spread_directions(64).to(torch.float64)
     before, after = basis(directions), basis(directions @ rotation.to(torch.float64).T)
     found = []
     for degree in range(1, HARMONICS.index(harmonics.shape[1]) + 1):
@@ -120,7 +120,7 @@ def turned(harmonics: Tensor, rotation: Tensor) -> Tensor:
     return torch.cat(found, dim=1).to(harmonics.dtype)
 
 
-def _spread_directions(count: int) -> Tensor:
+def spread_directions(count: int) -> Tensor:
     """Return unit vectors spread evenly over the sphere (a spiral of golden angles), [count, 3]."""
     step = torch.arange(count, dtype=torch.float64) + 0.5
     z, angle = 1 - 2 * step / count, math.pi * (1 + math.sqrt(5)) * step

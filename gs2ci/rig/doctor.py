@@ -30,7 +30,7 @@ from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.plugin import known_driver
 from gs2ci_drivers.sensor import FrameFlag, TriggerMode
 
-Verdict = Literal["ok", "note", "bad"]
+Verdict = Literal["ok", "note", "bad", "know"]
 
 LOOP_MASKS = 8
 LOOP_MASK_S = 0.05
@@ -342,7 +342,7 @@ def _manners(rig: Rig, connected: Mapping[str, str]) -> Iterator[BenchFinding]:
     for device in connected:
         table = tables[device]
         for one in manners_for(table.kind, connected[device]) if table is not None else ():
-            yield BenchFinding(f"{device}, to know", "ok", f"{one.applies}: {one.fact}")
+            yield BenchFinding(f"about the {device}", "know", f"{one.applies}: not “{one.guess}”, but: {one.fact}")
 
 
 def _library(table: Any) -> BenchFinding:

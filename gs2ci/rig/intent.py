@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U16
+from gs2ci.core.errors import InputError
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci_drivers.acquisition import Devices
@@ -20,10 +21,17 @@ def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorCo
 
     Raises:
         DriverError: A device does not answer.
-        InputError: The masks do not fit on the modulator.
+        InputError: The masks do not fit on the modulator, or are far more than it holds.
     """
     table = rig.table
     modulator, config = devices.modulator.connect(), sensor_config(rig, devices)
+    asked, most = table.capture.masks, modulator.capacity.get(table.capture.bit_depth, 0)
+    if asked > 2 * most > 0 and not table.capture.pattern_file:  # a plan would say so, after minutes and gigabytes
+        raise InputError(
+            f"masks = {asked} in [capture]",
+            allowed=f"at most {most}, which the {modulator.model} holds",
+            remedy="take several exposures (`shots`) of fewer masks",
+        )
     codes = draw_codes(table.capture, (config.height, config.width), rig.folder)
     masks = on_modulator(codes, table.registration, (modulator.height, modulator.width))
     return codes, _settings(rig, masks), config

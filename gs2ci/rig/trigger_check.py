@@ -59,14 +59,12 @@ class TriggerRun:
         frames: The frames received.
         lost: How many more were exposed and lost.
         fired_s: When the modulator was started, on the devices' clock.
-        ended_s: When it had ended, at the latest.
         exposure_s: Exposure of each frame.
     """
 
     frames: tuple[Frame, ...]
     lost: int
     fired_s: float
-    ended_s: float
     exposure_s: float
 
     @property
@@ -181,7 +179,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
             except (FrameLostError, FrameCorruptError):
                 bad += 1
         status = sensor.status()
-    return TriggerRun(tuple(frames), status.lost + status.corrupt, fired_s, ended_s, setup.exposure_s)
+    return TriggerRun(tuple(frames), status.lost + status.corrupt, fired_s, setup.exposure_s)
 
 
 def _start(devices: Devices) -> None:

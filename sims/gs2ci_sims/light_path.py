@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, load, names
 from gs2ci_sims.effects.base import Effect, LightStage, ViewEffect, having
@@ -116,7 +116,7 @@ def _plugged(name: str) -> type[Effect]:
     return found
 
 
-def generator(seed: int, name: str) -> np.random.Generator:
+def generator(seed: int, name: str) -> Rng:
     """Get the generator that belongs to `name` alone under this seed.
 
     Generators depend on the name, not on the order: switching one effect on or off does not change others' draws.

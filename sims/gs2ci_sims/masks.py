@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, Rng
 from gs2ci.core.errors import InputError
 
 
-def random_masks(
-    count: int, size: tuple[int, int], ratio: float, rng: np.random.Generator, *, feature_px: int = 1
-) -> F32:
+def random_masks(count: int, size: tuple[int, int], ratio: float, rng: Rng, *, feature_px: int = 1) -> F32:
     """Draw independent binary masks, [N, H, W] of 0 and 1.
 
     Args:

@@ -12,9 +12,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict
 
+import numpy as np
+import torch
+from scipy.linalg import expm, logm
+
+from gs2ci.core.arrays import F32
 from gs2ci.core.storage import read_shot
+from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
+from gs2ci.render.backend import load_backend
 
 try:
     from gs2ci.reconstruct.presets.named import preset
@@ -37,13 +44,16 @@ class Asked(TypedDict):
 
 
 class Found(TypedDict):
-    """What came out; None where it is not known."""
+    """What came out; None where it is not known. A view for `between_db` is in a file beside the measurement."""
 
     seconds: float
     psnr_db: float
     nate: float | None
     median_px: float | None
     far_off: float | None
+    scene_db: float | None
+    between_db: float | None
+    depth_off: float | None
 
 
 def answer(asked: Asked) -> Found:
@@ -70,7 +80,25 @@ def answer(asked: Asked) -> Found:
         "nate": None if report.trajectory is None else report.trajectory.nate,
         "median_px": None if errors is None else errors.median_px,
         "far_off": None if errors is None else errors.far_off_share,
+        "scene_db": _mean_db(found.result.scene_views, shot.truth.views),
+        "between_db": _between_db(found, shot.size, Path(asked["file"]).with_suffix(".npy")),
+        "depth_off": None if errors is None else errors.median_rel,
     }
+
+
+def _mean_db(views: F32 | None, truth: F32 | None) -> float | None:
+    return None if views is None or truth is None else float(np.mean(psnr_per_view(views, truth)))
+
+
+def _between_db(found: Reconstruction, size: tuple[int, int], file: Path) -> float | None:
+    """Score the scene from half way between the two middle poses, whose true view is in a file, [1, H, W, 3]."""
+    if not file.is_file():
+        return None
+    before, after = found.result.world_to_camera[len(found.result.world_to_camera) // 2 - 1 :][:2]
+    half = expm(logm(after @ np.linalg.inv(before)) / 2).real @ before
+    pose, intrinsics = (torch.from_numpy(one).float() for one in (half[None], found.result.intrinsics))
+    images = load_backend().views(found.scene, pose, intrinsics, size)[0]
+    return _mean_db(images.detach().numpy(), np.load(file))
 
 
 def main() -> None:

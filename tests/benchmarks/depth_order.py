@@ -28,8 +28,8 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.hypotheses.findings import order_findings
 from gs2ci.reconstruct.hypotheses.fitting import Fits
+from gs2ci.reconstruct.measurement.faulty import fill_holes
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch

@@ -5,7 +5,8 @@
 Rooms of seven tilted rectangles and two boxes, 72 × 96 px, eight views an exposure, random masks, a quarter open, poses
 reported by a stage without error (`tests/exposed_rooms.py`: rendered by the solver's renderer, without a light path).
 Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three,
-`GS2CI_PARTS=repeats,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of repeats.
+`GS2CI_PARTS=repeats,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of repeats,
+`GS2CI_DRAWS=0,1,2` repeats with other masks and noise than those of draw 0.
 
 Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in each reading; 1, 2, 4 and 8 exposures. The
 last columns are scenes fitted to eight full views instead, read with the same noise: each exposed for one of the eight
@@ -39,10 +40,8 @@ from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
-from gs2ci.reconstruct.exposures.joint import reconstruct_together
-from gs2ci.reconstruct.exposures.observing import observe_all
-from gs2ci.reconstruct.exposures.placing import moved
-from gs2ci.reconstruct.exposures.schedule import shared_schedule
+from gs2ci.reconstruct.exposures.joint import reconstruct_together, shared_schedule
+from gs2ci.reconstruct.exposures.observing import moved, observe_all
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
@@ -73,9 +72,11 @@ def run() -> None:
     parts = os.environ.get("GS2CI_PARTS", "repeats,determined,adjacent").split(",")
     counts = "".join(f"{count:>8}" for count in COUNTS)
     if "repeats" in parts:
-        print(f"repeats: {'':6}{counts}   scene of 8   of 8 full views   of twice the light")
+        print(f"repeats, draw {counts}   scene of 8   of 8 full views   of twice the light")
+        draws = [int(draw) for draw in os.environ.get("GS2CI_DRAWS", "0").split(",")]
         for number, scene in rooms:
-            print(_repeats(number, scene), flush=True)
+            for draw in draws:
+                print(f"room {number}, {draw}".ljust(14) + _repeats(number + 1000 * draw, scene), flush=True)
     if "determined" in parts:
         number, scene = rooms[0]
         _print_determined(number, scene)
@@ -104,23 +105,23 @@ def _determined(shots: list[Shot]) -> str:
     return f"{len(shots):3}  " + "  ".join(f"{_psnr(views, shots[0]):6.2f}" for views in decoded)
 
 
-def _repeats(number: int, scene: Scene) -> str:
-    shots = repeated(scene, SIZE, number, max(COUNTS), noise=NOISE)
+def _repeats(seed: int, scene: Scene) -> str:
+    shots = repeated(scene, SIZE, seed, max(COUNTS), noise=NOISE)
     delivered, of_scene = [], 0.0
     for count in COUNTS:
         parts = reconstruct_together(shots[:count], _settings()).parts
         delivered.append(float(np.mean([_psnr(part.views, shots[0]) for part in parts])))
         of_scene = _psnr(parts[0].scene_views, shots[0])
-    full = [_full_views(number, scene, shots[0], intervals) for intervals in (1.0, 2.0)]
+    full = [_full_views(seed, scene, shots[0], intervals) for intervals in (1.0, 2.0)]
     figures = "".join(f"{psnr:8.2f}" for psnr in delivered)
-    return f"room {number:<9}{figures}   {of_scene:10.2f}   {full[0]:15.2f}   {full[1]:18.2f}"
+    return f"{figures}   {of_scene:10.2f}   {full[0]:15.2f}   {full[1]:18.2f}"
 
 
-def _full_views(number: int, scene: Scene, coded: Shot, intervals: float) -> float:
+def _full_views(seed: int, scene: Scene, coded: Shot, intervals: float) -> float:
     """Fit a scene to eight full views, from the path and the depth of a coded exposure; return its PSNR."""
     observed = next(observe_all([coded], _settings(), Tools.load(_settings()), Silent(), [None]))
     start = observed.in_common(Similarity.identity())
-    views, rng = seen(scene, line(0.0), SIZE)[0], np.random.default_rng([number, 2])
+    views, rng = seen(scene, line(0.0), SIZE)[0], np.random.default_rng([seed, 2])
     exposures = []
     for k in range(VIEWS):
         masks = np.zeros((VIEWS, *SIZE), np.float32)
@@ -131,7 +132,7 @@ def _full_views(number: int, scene: Scene, coded: Shot, intervals: float) -> flo
         renderer = ShotRenderer(shot, start.geometry.intrinsics, load_backend())
         exposures.append(FittedExposure(Holdout.of(shot, 0.02, k), renderer, start.geometry))
     schedule = shared_schedule(_settings().fit, VIEWS, 1.0)
-    fit = CoarseRun(exposures, moved(start.start, Similarity.identity()), schedule, number, Monitoring())
+    fit = CoarseRun(exposures, moved(start.start, Similarity.identity()), schedule, seed, Monitoring())
     fit.advance()
     return _psnr(np.stack([one.views[k] for k, one in enumerate(map(fit.result, range(VIEWS)))]), coded)
 

@@ -21,6 +21,8 @@ from gs2ci.reconstruct.decode.patches import denoiser, matching
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.surfaces.surfaces import Surfaces
 from gs2ci.reconstruct.geometry.depth import sweep
+from gs2ci.reconstruct.measurement import brightness
+from gs2ci.reconstruct.measurement.brightness import LinearSystem
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.uncertainty import estimate
 from gs2ci.render.cpu import backend
@@ -35,6 +37,12 @@ MORE = (
     ("iteration: field of depth", Surfaces, "moved"),
     ("rendering: code of masks", backend.CpuBackend, "code"),
     ("sweeps: views compared, and smoothed", sweep, "_best_planes"),
+    ("brightness of views", LinearSystem, "of"),
+    ("brightness of views", LinearSystem, "solve"),
+    ("brightness of views", LinearSystem, "errors"),
+    ("brightness of views", LinearSystem, "gain"),
+    ("brightness: sums over blocks", brightness, "block_numbers"),
+    ("brightness: sums over blocks", brightness, "scores_over_blocks"),
     ("decode: GAP's projections", pnp, "project_onto_measurement"),
     ("decode: total variation", denoisers, "denoise_planes"),
     ("decode: checks of a step", pnp, "_checked"),
@@ -56,6 +64,7 @@ ON_DEVICE = (
     "fit: error blended back",
     "rendering: code of masks",
     "standard errors of depths",
+    "brightness of views",
     *("sweeps: ", "decode: ", "patches: "),
     "kernel: ",
     "depth of each Gaussian",

@@ -38,7 +38,7 @@ from gs2ci.evaluate.environment import peak_mib, restart_peak
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct import pipeline
-from gs2ci.reconstruct.exposures import joint, resumed
+from gs2ci.reconstruct.exposures import joint
 from gs2ci.reconstruct.exposures.foreseen import foreseen_mib
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
@@ -48,7 +48,7 @@ from tests.processes import ONE_THREAD, answer_of
 
 ASKED = 32
 STAGES = (
-    ("observed", resumed, "observe"),
+    ("observed", joint, "observe"),
     ("placed", joint, "places"),
     ("fitted", joint, "_fitted"),
     ("views made", joint, "_part"),

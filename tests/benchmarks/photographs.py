@@ -1,9 +1,10 @@
 """Photographs on planes, seen by a pinhole: measurements of known truth, made without a Gaussian renderer.
 
-Here: scikit-image's sample photographs as cards in space, ray traced with nine rays per pixel, their true depth, and
-coded exposures of them. Not here: figures.
+Here: scikit-image's sample photographs as cards and balls in space, ray traced with nine rays per pixel, their true
+depth, and coded exposures of cards. Not here: figures.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +36,35 @@ class Card:
     right: F64
     down: F64
 
+    def met(self, origin: F64, rays: F64) -> tuple[F64, F64, F64]:
+        """Return how far along rays [H, W, 3] it is met, and where in the picture, from 0 to 1: right and down."""
+        # origin + t ray = corner + u right + v down
+        normal = np.cross(self.right, self.down)
+        t = ((self.corner - origin) @ normal) / (rays @ normal)
+        across = origin + t[..., None] * rays - self.corner
+        u, v = ((across @ side) / (side @ side) for side in (self.right, self.down))
+        return t, u, v
 
-def _card(picture: F64, centre: tuple[float, float, float], width: float, lean: tuple[float, float]) -> Card:
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball on which a photograph is projected along z: its picture, as a card's, centre [3] and radius."""
+
+    picture: F64
+    centre: F64
+    radius: float
+
+    def met(self, origin: F64, rays: F64) -> tuple[F64, F64, F64]:
+        """As of a card; t is NaN where the ball is passed."""
+        away, square = self.centre - origin, np.square(rays).sum(axis=-1)
+        along = rays @ away
+        with np.errstate(invalid="ignore"):
+            t = (along - np.sqrt(along**2 - square * (away @ away - self.radius**2))) / square
+        place = (origin + t[..., None] * rays - self.centre) / (2 * self.radius) + 0.5
+        return t, place[..., 0], place[..., 1]
+
+
+def placed(picture: F64, centre: tuple[float, float, float], width: float, lean: tuple[float, float]) -> Card:
     """Place a photograph by its centre and width; `lean` is how much deeper its right and lower ends lie."""
     height = width * picture.shape[0] / picture.shape[1]
     right, down = np.array([width, 0.0, lean[0]]), np.array([0.0, height, lean[1]])
@@ -54,13 +82,15 @@ def cards(which: int = 0, blur: float = 0.0) -> tuple[Card, ...]:
     sigma = blur * pictures[wall].shape[1]
     behind = gaussian_filter(pictures[wall], (sigma, sigma, 0), mode="nearest")
     return (
-        _card(behind, (0.0, 0.0, 2.6), 4.6, (0.5, -0.2)),
-        _card(pictures[one], (-0.42, 0.1, 1.9), 0.75, (-0.15, 0.0)),
-        _card(pictures[two], (0.45, -0.1, 1.5), 0.55, (0.1, 0.05)),
+        placed(behind, (0.0, 0.0, 2.6), 4.6, (0.5, -0.2)),
+        placed(pictures[one], (-0.42, 0.1, 1.9), 0.75, (-0.15, 0.0)),
+        placed(pictures[two], (0.45, -0.1, 1.5), 0.55, (0.1, 0.05)),
     )
 
 
-def render(scene: tuple[Card, ...], world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> tuple[F32, F32]:
+def render(
+    scene: Sequence[Card | Ball], world_to_camera: F64, intrinsics: F64, size: tuple[int, int]
+) -> tuple[F32, F32]:
     """Return a view, [H, W, 3], and the depth along the optical axis at each pixel's centre, [H, W]."""
     height, width = size
     steps = (np.arange(_RAYS) + 0.5) / _RAYS
@@ -72,11 +102,8 @@ def render(scene: tuple[Card, ...], world_to_camera: F64, intrinsics: F64, size:
     depth = np.full(rays.shape[:2], np.inf)
     image = np.zeros(rays.shape)
     for card in scene:
-        # origin + t ray = corner + u right + v down; t is the depth, as rays advance by 1 along the axis.
-        normal = np.cross(card.right, card.down)
-        t = ((card.corner - origin) @ normal) / (rays @ normal)
-        across = origin + t[..., None] * rays - card.corner
-        u, v = ((across @ side) / (side @ side) for side in (card.right, card.down))
+        # t is the depth, as rays advance by 1 along the axis.
+        t, u, v = card.met(origin, rays)
         seen = (t > 0) & (t < depth) & (u >= 0) & (u < 1) & (v >= 0) & (v < 1)
         rows, columns = card.picture.shape[:2]
         places = np.stack([v[seen] * rows - 0.5, u[seen] * columns - 0.5])

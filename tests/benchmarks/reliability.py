@@ -16,17 +16,20 @@ the standard error, beside that of a normal and of a Laplace distribution with 6
 |---|---|---|
 | `GS2CI_SEEDS` | the seeds | 6300 6301 |
 | `GS2CI_PRESET` | the preset | draft |
-| `GS2CI_RUNS` | a folder in which runs are kept, and found again | none |
+| `GS2CI_RUNS` | a folder in which runs are kept; those found state their errors anew, by today's rules | none |
 | `GS2CI_KINDS` | some of `reliability_draws.KINDS`, with commas between them | all |
 | `GS2CI_SIZE` | their size, px | 72x96 |
 | `GS2CI_STRANGERS` | 1: scenes and motions of `stranger_draws` instead | 0 |
 """
 
 import os
+import pickle
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+from unittest.mock import patch
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,13 +39,18 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code
 from gs2ci.core.ranks import rank_correlation
+from gs2ci.core.records import Shot
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.measuring import measure
 from gs2ci.evaluate.pages.run_evidence import read_run
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.evaluate.trajectory import align
-from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.presets.named import preset
+from gs2ci.reconstruct.uncertainty.of_run import how_sure
+from gs2ci.render.backend import load_backend
 from tests.benchmarks.beside_files import SHARED
 from tests.benchmarks.reliability_draws import KINDS, Draw, drawn, light_fields
 from tests.benchmarks.stranger_draws import MOTIONS, SCENES, stranger
@@ -108,11 +116,36 @@ def _light_field() -> Iterator[Draw]:
     return light_fields(SHARED / "lightfield")
 
 
+class _Asked(pickle.Pickler):
+    """Keeps what `how_sure` is asked with; renderers without their backend."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, ShotRenderer):
+            return _renderer, (obj.shot, obj.intrinsics.double().numpy(), obj.lens)
+        return NotImplemented
+
+
+def _renderer(shot: Shot, intrinsics: F64, lens: Lens | None) -> ShotRenderer:
+    return ShotRenderer(shot, intrinsics, load_backend(), lens)
+
+
 def _finished(draw: Draw, folder: Path) -> FinishedRun:
+    asked = folder / "asked.pickle"
     if not folder.is_dir():
-        found = reconstruct(draw.shot, preset(PRESET))  # type: ignore[arg-type]
+        with patch.object(pipeline, "how_sure", side_effect=how_sure) as asking:
+            found = pipeline.reconstruct(draw.shot, preset(PRESET))  # type: ignore[arg-type]
         write_run(folder, draw.shot, found.result, found.scene)
-    return read_run(folder)
+        with asked.open("wb") as file:
+            _Asked(file).dump(asking.call_args.args)
+    run_of = read_run(folder)
+    sure = how_sure(*pickle.loads(asked.read_bytes()))
+    assert run_of.report.sureness is not None
+    said = replace(run_of.report.sureness, positions=None, rotations_deg=None)
+    if sure.positions is not None and sure.rotations is not None:
+        turned_deg = np.degrees(sure.rotations).tolist()
+        said = replace(said, positions=sure.positions.tolist(), rotations_deg=turned_deg)
+    report = run_of.report.model_copy(update={"sureness": said})
+    return replace(run_of, report=report, views_error=sure.views, depth_error=sure.depth)
 
 
 def errors(draw: Draw, run_of: FinishedRun) -> tuple[str, Off]:

@@ -172,7 +172,7 @@ def test_files_that_are_no_bundles_are_refused(path):
         read_bundle(path)
     with h5py.File(path, "w") as file:
         file.attrs["schema"] = "gs2ci.capture/1"
-    with pytest.raises(StorageError, match="schema"):
+    with pytest.raises(StorageError, match="holds exposures: give the file that `gs2ci calibrate` wrote"):
         read_bundle(path)
     with h5py.File(path, "r+") as file:
         file.attrs["schema"] = "gs2ci.calibration/1"

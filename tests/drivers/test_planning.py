@@ -56,7 +56,13 @@ def test_a_sound_plan_breaks_nothing_and_has_its_rows():
     rows = {what: (value, verdict) for what, value, _, verdict in table(sound)}
     assert rows["stage speed"] == ("25.0000 mm/s", "ok")
     assert rows["motion in the picture"][0].startswith("3.00 px near, 0.90 px far")
-    assert rows["parallax"][0].startswith("2.10 px")
+    assert rows["parallax"][0] == "2.10 px between near and far"
+
+
+def test_a_travel_in_metres_is_said_to_show_no_depth():
+    small = plan(travel=Travel("x", 0.040, 0.041), optics=KnownOptics(1e5, 900.0, 300.0, 1000.0))
+    rows = {what: value for what, value, *_ in table(small)}
+    assert rows["parallax"] == "0.00 px between near and far; too little for depth"
 
 
 def test_weights_are_the_overlap_of_mask_and_exposure():

@@ -1,9 +1,14 @@
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.faults import FaultSet, declare, find
+from gs2ci_sims.faults import KNOWN, FaultSet
 
-SPLASH = declare("test.splash", "water on the bench")
+SPLASH = "test.splash"
+
+
+@pytest.fixture(autouse=True)
+def _declared(monkeypatch):
+    monkeypatch.setitem(KNOWN, SPLASH, "water on the bench")
 
 
 def test_a_fault_strikes_after_its_skips_as_often_as_told_and_is_remembered():
@@ -31,10 +36,4 @@ def test_cleared_faults_are_gone():
 
 def test_an_unknown_fault_names_the_nearest():
     with pytest.raises(InputError, match=r"test\.splosh.*did you mean 'test\.splash'"):
-        find("test.splosh")
-
-
-def test_two_meanings_of_one_name_are_refused():
-    assert declare("test.splash", "water on the bench") == SPLASH
-    with pytest.raises(InputError, match="declared twice"):
-        declare("test.splash", "oil on the bench")
+        FaultSet().inject("test.splosh")

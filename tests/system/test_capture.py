@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import ShotWriter, count_shots, read_shot, recover
 from gs2ci.core.storage.guarded_file import GuardedFile
@@ -168,6 +168,12 @@ def test_a_plan_beyond_the_limits_is_refused_before_anything_moves(make_small, c
     assert not small.bench.world.exposures
     assert not small.out.exists()
     assert not small.out.with_name("shot.h5.partial").exists()
+
+
+def test_masks_far_beyond_what_the_modulator_holds_are_refused_before_they_are_drawn(make_small, monkeypatch):
+    monkeypatch.setattr("gs2ci.rig.intent.draw_codes", lambda *_: pytest.fail("drawn"))
+    with pytest.raises(InputError, match="masks = 5000 in \\[capture\\]; allowed: at most 400"):
+        make_small(capture={"masks": 5000, "axis": ""}).capture()
 
 
 class Interrupting:

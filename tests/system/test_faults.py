@@ -22,7 +22,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, recover
 from gs2ci.rig.recording import prepare, record
 from gs2ci_drivers.failures import DriverError
-from gs2ci_sims import faults as fault_kinds
+from gs2ci_sims.faults import KNOWN
 from tests.nightly import but_one_of_each
 from tests.system.conftest import small_rig
 
@@ -279,7 +279,7 @@ def render_table() -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for case in CASES:
-        summary = fault_kinds.find(case.fault).summary.replace("`value`", f"{case.value:g}").replace("|", "\\|")
+        summary = KNOWN[case.fault].replace("`value`", f"{case.value:g}").replace("|", "\\|")
         trigger = "" if case.trigger is None else str(case.trigger)
         about = f"`{case.about}`" if case.about else ""
         lines.append(

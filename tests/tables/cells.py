@@ -4,13 +4,15 @@ Here: `Cell`, and doing one. Not here: what is done (`works`), who does it (`wor
 cells are needed (`catalogue`).
 """
 
+import hashlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_of
 from gs2ci.evaluate.tradeoff.store import Row, content_key
 
 # The sources of the tables themselves: any change in them may change a figure, as one in the product's may.
@@ -53,7 +55,19 @@ class Cell:
         Raises:
             StorageError: A file cannot be read.
         """
-        return content_key(self.name, self.arguments, (*self.files, *_SOURCES))
+        digests = [_digest(name) for name in (*self.files, *_SOURCES)]
+        return content_key(self.name, {"arguments": self.arguments, "files": digests})
+
+
+@cache
+def _digest(name: str) -> str:
+    try:
+        with Path(name).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise StorageError(
+            f"{name} cannot be read: {reason_of(error)}", remedy="name the folder with --data"
+        ) from error
 
 
 def run(cell: Cell) -> Row:

@@ -10,8 +10,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.reconstruct.paper.ablation import COMPONENTS
-from gs2ci.reconstruct.paper.preset import paper_settings
+from gs2ci.reconstruct.paper.preset import COMPONENTS, paper_settings
 from gs2ci_sims.scenes.files import scene_names
 from tests.tables.calibration import BENCHES, FRAMES
 from tests.tables.case_sets import file_cases, resized, simulated_cases

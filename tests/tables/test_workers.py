@@ -197,3 +197,13 @@ def test_a_table_that_is_ended_waits_for_none_of_its_cells(store, tmp_path):
     with pytest.raises(StorageError, match="full"):
         complete(cells, store, processes=2, on_done=full)
     assert not workers_of(psutil.Process())
+
+
+def test_the_key_depends_on_the_content_of_files(tmp_path):
+    one, other = tmp_path / "a.npz", tmp_path / "b.npz"
+    one.write_bytes(b"1")
+    other.write_bytes(b"2")
+    keys = {Cell(dict, {"seed": 0}, files).key for files in ((), (str(one),), (str(other),))}
+    assert len(keys) == 3
+    with pytest.raises(StorageError, match="cannot be read"):
+        _ = Cell(dict, {}, (str(tmp_path / "none.npz"),)).key

@@ -15,9 +15,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import RULE_NAMES, ProxyName
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.reconstruct.paper.ablation import COMPONENTS, without
 from gs2ci.reconstruct.paper.fine import FineSettings
-from gs2ci.reconstruct.paper.preset import paper_settings
+from gs2ci.reconstruct.paper.preset import COMPONENTS, paper_settings, without
 from gs2ci.reconstruct.settings import Settings
 
 Change = Callable[[Settings], Settings]
@@ -89,7 +88,7 @@ ABLATION: Final[dict[str, Change]] = {
     **{f"without {name}": partial(_without, (name,)) for name in COMPONENTS},
     "without all six": partial(_without, tuple(COMPONENTS)),
 }
-"""One fit without a component, by its name in `gs2ci.reconstruct.paper.ablation`."""
+"""One fit without a component, by its name in `gs2ci.reconstruct.paper.preset`."""
 
 GEOMETRY: Final[dict[str, Change]] = {
     "naive": partial(_one_fit_with, proxy="naive"),

@@ -7,7 +7,8 @@ Facts, with their places:
 - grblHAL core (f80fc34), report.c, report_init_message: "GrblHAL 1.1f ['$' or '$HELP' for help]"; `[FIRMWARE:grblHAL]`.
 - bdring/FluidNC (c47d53c), SettingsDefinitions.cpp, make_settings: the greeting is the setting Start/Message, any text;
   make_proxies: `$$` has no `$1`, `$13`, and only the axes that are configured. Limit.cpp: the travel begins at the
-  homing position `mpos_mm`.
+  homing position `mpos_mm`. Channel.cpp (005572e), Channel::ack: with `verbose_errors` the words of Error.cpp's
+  ErrorNames stand in place of an error's number.
 """
 
 import re
@@ -35,6 +36,7 @@ class GrblBuild:
         unlisted: Settings that `$$` does not print.
         extra: Further lines of `$I`.
         homing_mm: Where an axis stands after homing, for firmware that has this as a setting of its own.
+        words: What stands in place of an error's number.
     """
 
     greeting: bytes = grbl.GrblTwin.greeting
@@ -45,6 +47,7 @@ class GrblBuild:
     unlisted: frozenset[int] = frozenset()
     extra: tuple[str, ...] = ()
     homing_mm: Mapping[int, float] | None = None
+    words: Mapping[int, str] = field(default_factory=dict)
 
 
 GRBL = GrblBuild()
@@ -101,6 +104,11 @@ class GrblTwin(grbl.GrblTwin):
         session = super().open()
         self._hangs_up, self._dtr = hangs_up, not lowers
         return session
+
+    def _answer(self, reply: str, about: str) -> None:
+        kind, _, number = reply.partition(":")
+        words = self._build.words.get(int(number)) if kind == "error" else None
+        super()._answer(f"error:{words}" if words else reply, about)
 
     def press(self, button: Literal["hold", "resume", "reset"]) -> None:
         """Press a button at the controller."""

@@ -24,7 +24,6 @@ from gs2ci_sims.wires.v4l2_controls import (
     CID_HBLANK,
     CID_PIXEL_RATE,
     CID_VBLANK,
-    CONTROL_IGNORED,
     INTEGER,
     MENU,
     NEXT_CONTROL,
@@ -174,7 +173,7 @@ class OddBank(ControlBank):
         if not write:
             data = control.default_data if which == WHICH_DEFAULT else control.data
             ctypes.memmove(pointer, data, len(control.data))
-        elif not self._faults.take(CONTROL_IGNORED, control.name):
+        elif not self._faults.take("v4l2.control_ignored", control.name):
             control.data = ctypes.string_at(pointer, len(control.data))
 
     def _set(self, control: PlainControl, value: int) -> None:

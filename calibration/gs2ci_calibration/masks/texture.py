@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gs2ci.core.arrays import U8
+from gs2ci.core.arrays import U8, Rng
 
 
-def checker(size: tuple[int, int], cell: int, rng: np.random.Generator, *, start: tuple[int, int] = (0, 0)) -> U8:
+def checker(size: tuple[int, int], cell: int, rng: Rng, *, start: tuple[int, int] = (0, 0)) -> U8:
     """Return a checker pattern whose squares are black or white at random, [Hm, Wm] uint8: edges everywhere.
 
     Args:

@@ -19,6 +19,8 @@ from gs2ci_drivers.sensor import Frame, FrameFlag, StampMeaning
 FIRST_IDS: Final = {"GEV": 1, "U3V": 0}
 """The first number after a start, by transport layer; for others it is undefined."""
 LARGEST_SHORT_ID: Final = 65_535
+LARGEST_GAP: Final = 4096
+"""Numbers of 16 bits that seem to go back by more than all but this many have begun anew."""
 STAMP_GRAIN_NS: Final = 2_000
 """A stamp earlier than its trigger by less than this still counts as after it: both clocks are rounded."""
 
@@ -90,6 +92,6 @@ class BufferChecks(FrameChecks[TakenFrame]):
         return int(taken.buffer.frame_id)
 
     def _expected(self, following: int, number: int) -> int:
-        """Return the number that should come next; numbers of 16 bits restart at 1."""
-        wrapped = following > LARGEST_SHORT_ID and 0 < number <= LARGEST_SHORT_ID // 2
+        """Return the number that should come next; numbers of 16 bits restart at 1, also where frames are lost then."""
+        wrapped = number > 0 and 0 <= number + LARGEST_SHORT_ID - following < LARGEST_GAP
         return following - LARGEST_SHORT_ID if wrapped else following

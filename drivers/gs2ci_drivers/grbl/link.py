@@ -168,8 +168,9 @@ class GrblLink:
                 return before
             code = parse_code(text)
             if code and code[0] == "error":
+                number = f"error:{code[1]}" if code[1] else text
                 raise RefusedError(
-                    self._name, line, text, ERRORS.get(code[1], "unknown error"), remedy=_remedy(code[1])
+                    self._name, line, number, ERRORS.get(code[1], "unknown error"), remedy=_remedy(code[1])
                 )
             if code:
                 raise self.alarm_error(line)

@@ -55,13 +55,19 @@ ERRORS: dict[int, str] = {
     23: "needs an integer",
     33: "invalid motion target",
 }
+_SAID = {
+    "Command requires idle state": 8,
+    "GCode cannot be executed in lock or alarm state": 9,
+    "Max travel exceeded during jog": 15,
+}
+"""Errors whose numbers decide what is done next, as FluidNC words them where its configuration has `verbose_errors`."""
 MOVING_STATES = frozenset({"Run", "Jog", "Home"})
 SUSPENDED_STATES = frozenset({"Hold", "Door", "Sleep"})
 """In these no line is read: what is sent waits, and is executed when somebody resumes."""
 STATES = frozenset({"Idle", "Alarm", "Check", "Tool", "Starting"}) | MOVING_STATES | SUSPENDED_STATES
 
 _BANNER = re.compile(r"^Grbl(HAL)? \d+\.\d+\w*\b.*\[", re.IGNORECASE)
-_KNOWN = re.compile(r"^(?:<|\[|\$|>|ok$|error:\d|ALARM:\d)")
+_KNOWN = re.compile(r"^(?:<|\[|\$|>|ok$|error:|ALARM:\d)")
 _WORDS = re.compile(r"^[\x20-\x7e]*[A-Za-z]{3}[\x20-\x7e]*$")
 _STARTUP = re.compile(r"^\$(N\d)=(.*)$")
 _HOMING = re.compile(r"^\$?/axes/([xyz])/homing/mpos_mm=(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
@@ -146,8 +152,10 @@ def parse_setting(line: str) -> tuple[int, float] | None:
 
 
 def parse_code(line: str) -> tuple[str, int] | None:
-    """Return ("error" or "ALARM", its number), or None."""
+    """Return ("error" or "ALARM", its number), or None; 0 for an error in words that are not known here."""
     match = _CODE.match(line)
+    if line.startswith("error:") and not match:
+        return "error", _SAID.get(line.removeprefix("error:"), 0)
     return (match[1], int(match[2])) if match else None
 
 

@@ -93,9 +93,7 @@ class KinesisStage(Stage):
     def _do_connect(self) -> StageInfo:
         # Ends what another program may have left running; it is a matter of the line and changes no setting.
         self._link.send(short(Message.HW_STOP_UPDATEMSGS, self._main, 0), "stop status updates")
-        asked = "MGMSG_HW_REQ_INFO"
-        reply = self._link.ask(short(Message.HW_REQ_INFO, self._main, 0), Message.HW_GET_INFO, self._main, asked, 84)
-        info = parse_info(reply.data)
+        info = parse_info(self._link.ask(Message.HW_REQ_INFO, self._main, 84, 0).data)
         assert info is not None  # the link has checked the length
         highest = max(self._bays.values())
         if highest > info.channels:
@@ -114,17 +112,14 @@ class KinesisStage(Stage):
         )
 
     def _read_axis(self, axis: str) -> AxisInfo:
-        model, dest, asked = self._models[axis], self._dest[axis], "MGMSG_MOT_REQ_VELPARAMS"
-        reply = self._link.ask(short(Message.MOT_REQ_VELPARAMS, dest), Message.MOT_GET_VELPARAMS, dest, asked, 14)
-        _, _, acceleration, speed = struct.unpack_from("<Hiii", reply.data)
+        model, dest = self._models[axis], self._dest[axis]
+        data = self._link.ask(Message.MOT_REQ_VELPARAMS, dest, 14).data
+        _, _, acceleration, speed = struct.unpack_from("<Hiii", data)
         if acceleration < 1:
-            raise BadReplyError(self.name, asked, reply.data, f"axis {axis} has no acceleration", allowed="1 or more")
+            asked = "MGMSG_MOT_REQ_VELPARAMS"
+            raise BadReplyError(self.name, asked, data, f"axis {axis} has no acceleration", allowed="1 or more")
         self._found[axis], self._set[axis] = (acceleration, speed), speed
-        asked = "MGMSG_MOT_REQ_GENMOVEPARAMS"
-        reply = self._link.ask(
-            short(Message.MOT_REQ_GENMOVEPARAMS, dest), Message.MOT_GET_GENMOVEPARAMS, dest, asked, 6
-        )
-        self._overshoots[axis] = struct.unpack_from("<Hi", reply.data)[1]
+        self._overshoots[axis] = self._long(Message.MOT_REQ_GENMOVEPARAMS, axis)
         return AxisInfo(
             name=axis,
             min_mm=0.0,
@@ -165,9 +160,7 @@ class KinesisStage(Stage):
         self._begun_s = self.clock.now_s()
         # Moves are not acknowledged: an answer to a question behind them says at least that the line has not broken.
         for axis in self._targets:
-            dest, asked = self._dest[axis], f"move {axis}"
-            question = short(Message.MOT_REQ_STATUSBITS, dest)
-            self._link.ask_once(question, Message.MOT_GET_STATUSBITS, dest, asked, 6)
+            self._link.ask_once(Message.MOT_REQ_STATUSBITS, self._dest[axis], 6, f"move {axis}")
 
     def _do_wait_idle(self, timeout_s: float) -> None:
         asked = f"move to {self._targets} counts"
@@ -263,18 +256,14 @@ class KinesisStage(Stage):
         return bool(self._targets) and self._all_arrived()
 
     def _bits(self, axis: str) -> int:
-        dest = self._dest[axis]
-        reply = self._link.ask(
-            short(Message.MOT_REQ_STATUSBITS, dest), Message.MOT_GET_STATUSBITS, dest, "MGMSG_MOT_REQ_STATUSBITS", 6
-        )
-        return int(struct.unpack_from("<HI", reply.data)[1])
+        return self._long(Message.MOT_REQ_STATUSBITS, axis) & 0xFFFFFFFF
 
     def _position(self, axis: str) -> int:
-        dest = self._dest[axis]
-        reply = self._link.ask(
-            short(Message.MOT_REQ_POSCOUNTER, dest), Message.MOT_GET_POSCOUNTER, dest, "MGMSG_MOT_REQ_POSCOUNTER", 6
-        )
-        return int(struct.unpack_from("<Hi", reply.data)[1])
+        return self._long(Message.MOT_REQ_POSCOUNTER, axis)
+
+    def _long(self, request: Message, axis: str) -> int:
+        """Ask for a number of a channel, of 32 bits with a sign."""
+        return int(struct.unpack_from("<Hi", self._link.ask(request, self._dest[axis], 6).data)[1])
 
     def _enable(self, axis: str) -> None:
         """Switch a channel's motor on; benchtop controllers begin with it off."""

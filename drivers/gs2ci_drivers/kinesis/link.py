@@ -9,7 +9,7 @@ Here: the exchange. Not here: what a stage does with it (`driver`).
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import BadReplyError, NoAnswerError
-from gs2ci_drivers.kinesis.packets import AptMessage, Message, find_message
+from gs2ci_drivers.kinesis.packets import CHANNEL, AptMessage, Message, find_message, short
 from gs2ci_drivers.ports import BytePort, port_errors, with_one_retry
 
 REPLY_TIMEOUT_S = 0.5
@@ -51,29 +51,26 @@ class AptLink:
         with port_errors(self._name, asked, timeout_s=WRITE_TIMEOUT_S):
             self._port.write(data, WRITE_TIMEOUT_S)
 
-    def ask(self, data: bytes, answer: Message, source: int, asked: str, length: int) -> AptMessage:
+    def ask(self, request: Message, unit: int, length: int, channel: int = CHANNEL) -> AptMessage:
         """Send a request that changes nothing, and wait for its answer; once more if that is lost.
 
         Args:
-            data: The request.
-            answer: Id of its answer.
-            source: Address of the unit that answers.
-            asked: For messages.
+            request: The request; the id of its answer is the next one.
+            unit: Address of the unit that is asked.
             length: Bytes of data of the answer, at least.
+            channel: The channel that is asked for.
 
         Raises:
             NoAnswerError, BadReplyError: No usable answer, twice.
             DisconnectedError: The port is gone.
         """
-        return with_one_retry(lambda: self._ask(data, answer, source, asked, length), self._incidents)
+        asked = f"MGMSG_{request.name}"
+        return with_one_retry(lambda: self.ask_once(request, unit, length, asked, channel), self._incidents)
 
-    def ask_once(self, data: bytes, answer: Message, source: int, asked: str, length: int) -> AptMessage:
+    def ask_once(self, request: Message, unit: int, length: int, asked: str, channel: int = CHANNEL) -> AptMessage:
         """As `ask`, but not again if the answer is lost: what was sent before may be lost, too."""
-        return self._ask(data, answer, source, asked, length)
-
-    def _ask(self, data: bytes, answer: Message, source: int, asked: str, length: int) -> AptMessage:
         self.drain(asked)
-        self.send(data, asked)
+        self.send(short(request, unit, channel), asked)
         deadline_s, passed = self._clock.now_s() + REPLY_TIMEOUT_S, 0
         for _ in range(CHUNK_BYTES * MOST_READS):
             message, self._buffer, noise = find_message(self._buffer, self._sources)
@@ -83,7 +80,7 @@ class AptLink:
             if message is None:
                 if not self._receive(deadline_s, asked):
                     break
-            elif (message.ident, message.source) == (answer, source):
+            elif (message.ident, message.source) == (request + 1, unit):
                 if len(message.data) < length:
                     raise BadReplyError(
                         self._name, asked, message.data, "too few bytes", allowed=f"{length} bytes of data"

@@ -21,7 +21,6 @@ from gs2ci_drivers.failures import (
     DisconnectedError,
     DriverError,
     OutOfRangeError,
-    RefusedError,
     UnsupportedError,
 )
 from gs2ci_drivers.v4l2 import abi
@@ -36,7 +35,6 @@ _NUMBERS: Final = (
     abi.ControlType.BITMASK,
     *_MENUS,
 )
-_EINVAL: Final = errno.errorcode[errno.EINVAL]
 _MAX_CONTROLS: Final = 4096
 SHOWN_BYTES: Final = 16
 _FROZEN: Final = abi.ControlFlag.DISABLED | abi.ControlFlag.READ_ONLY
@@ -185,15 +183,11 @@ class ControlTable:
     def _query(self, cid: int) -> abi.QueryExtCtrl | None:
         query, raw = allocate(abi.QueryExtCtrl)
         query.id = cid
-        try:
-            self._node.call(abi.Ioctl.QUERY_EXT_CTRL, raw, "VIDIOC_QUERY_EXT_CTRL")
-        except UnsupportedError:  # ENOTTY: no controls at all
-            return None
-        except RefusedError as error:
-            if error.code == _EINVAL:  # no such control, or no further one
-                return None
-            raise
-        return query
+        # ENOTTY: no controls at all; EINVAL: no such control, or no further one.
+        missing = (errno.ENOTTY, errno.EINVAL)
+        return (
+            query if self._node.call(abi.Ioctl.QUERY_EXT_CTRL, raw, "VIDIOC_QUERY_EXT_CTRL", unless=missing) else None
+        )
 
     def _describe(self, query: abi.QueryExtCtrl) -> Control | None:
         flags = abi.ControlFlag(query.flags & 0x7FFFFFFF)
@@ -213,12 +207,8 @@ class ControlTable:
         for index in range(max(0, query.minimum), min(query.maximum, query.minimum + _MAX_CONTROLS) + 1):
             item, raw = allocate(abi.QueryMenu)
             item.id, item.index = query.id, index
-            try:
-                self._node.call(abi.Ioctl.QUERYMENU, raw, "VIDIOC_QUERYMENU")
-            except RefusedError as error:
-                if error.code == _EINVAL:  # a hole in the menu
-                    continue
-                raise
+            if not self._node.call(abi.Ioctl.QUERYMENU, raw, "VIDIOC_QUERYMENU", unless=(errno.EINVAL,)):
+                continue  # a hole in the menu
             text = item.u.name.decode("utf-8", "replace")
             entries[index] = str(item.u.value) if query.type == abi.ControlType.INTEGER_MENU else text
         return entries
@@ -347,14 +337,10 @@ class ControlTable:
     def _write(self, control: Control, value: int) -> None:
         asked = f"set control {control.name} = {value}"
         raw, payload, _ = self._batch(control, value)
-        try:
-            self._node.call(abi.Ioctl.S_EXT_CTRLS, raw, asked, payload)
-        except (OutOfRangeError, RefusedError) as error:
-            if isinstance(error, RefusedError) and error.code != _EINVAL:
-                raise
+        if not self._node.call(abi.Ioctl.S_EXT_CTRLS, raw, asked, payload, unless=(errno.ERANGE, errno.EINVAL)):
             raise OutOfRangeError(
                 self._node.device, "the driver refuses the value", asked=asked, allowed=control.range_text
-            ) from error
+            )
 
     def _batch(self, control: Control, value: int) -> tuple[bytearray, bytearray, abi.ExtControl]:
         entry, payload = allocate(abi.ExtControl)

@@ -8,7 +8,7 @@ import ctypes
 import errno
 import os
 import select
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, NoReturn, TypeVar
@@ -186,14 +186,16 @@ class VideoNode:
         port: The system calls.
         path: The node, `/dev/video0` or `/dev/v4l-subdev0`.
         device: Name of the device for messages.
+        of_subdevice: Whether it is the sensor's own node.
 
     Every method raises the errors of `raise_typed`.
     """
 
-    def __init__(self, port: SysPort, path: str, device: str) -> None:
+    def __init__(self, port: SysPort, path: str, device: str, *, of_subdevice: bool = False) -> None:
         self.port = port
         self.path = path
         self.device = device
+        self._of_subdevice = of_subdevice
         self.buffer_type = abi.BufferType.VIDEO_CAPTURE
         with errno_errors(device, f"open {path}"):
             self._fd: int = port.open(path)
@@ -204,15 +206,29 @@ class VideoNode:
             fd, self._fd = self._fd, -1
             self.port.close(fd)
 
-    def call(self, request: int, argument: bytearray, asked: str, payload: bytearray | None = None) -> None:
-        """Make one request, on the structure's bytes in place; `asked` names it in messages."""
-        with errno_errors(self.device, asked):
-            self._ioctl(request, argument, payload)
+    def call(
+        self,
+        request: int,
+        argument: bytearray,
+        asked: str,
+        payload: bytearray | None = None,
+        *,
+        unless: Container[int | None] = (),
+    ) -> bool:
+        """Make one request, on the structure's bytes in place; `asked` names it in messages.
 
-    def _ioctl(self, request: int, argument: bytearray, payload: bytearray | None = None) -> None:
-        if self._fd < 0:
-            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        self.port.ioctl(self._fd, request, argument, payload)
+        Returns:
+            False if it failed with one of the errnos of `unless`.
+        """
+        try:
+            if self._fd < 0:
+                raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+            self.port.ioctl(self._fd, request, argument, payload)
+        except OSError as error:
+            if error.errno not in unless:
+                raise_typed(self.device, asked, error)
+            return False
+        return True
 
     def identity(self) -> Identity:
         """Return who drives the node and what it can do; later requests use the buffer type found."""
@@ -231,12 +247,8 @@ class VideoNode:
         for index in range(4096):  # a driver whose list never ends must not block the program
             entry, raw = allocate(abi.FormatDescription)
             entry.index, entry.type = index, self.buffer_type
-            try:
-                self._ioctl(abi.Ioctl.ENUM_FMT, raw)
-            except OSError as error:
-                if error.errno == errno.EINVAL:
-                    break
-                raise_typed(self.device, "VIDIOC_ENUM_FMT", error)
+            if not self.call(abi.Ioctl.ENUM_FMT, raw, "VIDIOC_ENUM_FMT", unless=(errno.EINVAL,)):
+                break
             if not entry.pixelformat >> 31:  # the top bit marks big-endian words
                 codes.append(abi.fourcc_name(entry.pixelformat))
         return codes
@@ -303,44 +315,30 @@ class VideoNode:
             )
         return fmt.format.width, fmt.format.height
 
-    def get_region(self, target: abi.SelectionTarget, *, of_subdevice: bool) -> Region | None:
-        """Return a region of the pixel array; None if the driver has none.
+    def get_region(self, target: abi.SelectionTarget) -> Region | None:
+        """Return a region of the pixel array; None if the driver has none."""
+        selection, raw = self._selection(target)
+        request = abi.SUBDEV_G_SELECTION if self._of_subdevice else abi.Ioctl.G_SELECTION
+        if self.call(request, raw, "VIDIOC_G_SELECTION", unless=(errno.EINVAL, errno.ENOTTY, errno.ENODATA)):
+            return _region(selection)
+        return None
 
-        Args:
-            target: Which region.
-            of_subdevice: Whether this is the sensor's own node.
-        """
-        selection, raw = self._selection(target, of_subdevice=of_subdevice)
-        request = abi.SUBDEV_G_SELECTION if of_subdevice else abi.Ioctl.G_SELECTION
-        try:
-            self._ioctl(request, raw)
-        except OSError as error:
-            if error.errno in (errno.EINVAL, errno.ENOTTY, errno.ENODATA):
-                return None
-            raise_typed(self.device, "VIDIOC_G_SELECTION", error)
-        return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
-
-    def set_region(
-        self, region: Region, *, of_subdevice: bool, target: abi.SelectionTarget = abi.SelectionTarget.CROP
-    ) -> Region:
+    def set_region(self, region: Region, target: abi.SelectionTarget = abi.SelectionTarget.CROP) -> Region:
         """Request a region; return the one that the driver set, which may be moved and widened.
 
         Args:
             region: The region.
-            of_subdevice: Whether this is the sensor's own node.
             target: Which region: the one that is read out, or where it is written in the frame.
         """
-        selection, raw = self._selection(target, of_subdevice=of_subdevice)
+        selection, raw = self._selection(target)
         selection.r.left, selection.r.top = region.left, region.top
         selection.r.width, selection.r.height = region.width, region.height
         asked = f"VIDIOC_S_SELECTION {region.width}x{region.height} at {region.left}, {region.top}"
-        self.call(abi.SUBDEV_S_SELECTION if of_subdevice else abi.Ioctl.S_SELECTION, raw, asked)
-        return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
+        self.call(abi.SUBDEV_S_SELECTION if self._of_subdevice else abi.Ioctl.S_SELECTION, raw, asked)
+        return _region(selection)
 
-    def _selection(
-        self, target: abi.SelectionTarget, *, of_subdevice: bool
-    ) -> tuple[abi.Selection | abi.SubdevSelection, bytearray]:
-        if of_subdevice:
+    def _selection(self, target: abi.SelectionTarget) -> tuple[abi.Selection | abi.SubdevSelection, bytearray]:
+        if self._of_subdevice:
             pad, pad_raw = allocate(abi.SubdevSelection)
             pad.which, pad.pad, pad.target = abi.FORMAT_ACTIVE, 0, target
             return pad, pad_raw
@@ -372,12 +370,8 @@ class VideoNode:
     def dequeue_buffer(self) -> Dequeued | None:
         """Take the oldest filled buffer, or None if there is none yet (EAGAIN)."""
         buffer, raw, plane, payload = self._buffer(0)
-        try:
-            self._ioctl(abi.Ioctl.DQBUF, raw, payload)
-        except OSError as error:
-            if error.errno == errno.EAGAIN:
-                return None
-            raise_typed(self.device, "VIDIOC_DQBUF", error)
+        if not self.call(abi.Ioctl.DQBUF, raw, "VIDIOC_DQBUF", payload, unless=(errno.EAGAIN,)):
+            return None
         return Dequeued(
             index=buffer.index,
             bytes_used=buffer.bytesused if plane is None else plane.bytesused,
@@ -411,24 +405,14 @@ class VideoNode:
         """Subscribe to an event; return False if the driver does not have it."""
         sub, raw = allocate(abi.EventSubscription)
         sub.type = event
-        try:
-            self._ioctl(abi.Ioctl.SUBSCRIBE_EVENT, raw)
-        except OSError as error:
-            if error.errno in (errno.EINVAL, errno.ENOTTY):
-                return False
-            raise_typed(self.device, f"VIDIOC_SUBSCRIBE_EVENT {event.name}", error)
-        return True
+        asked = f"VIDIOC_SUBSCRIBE_EVENT {event.name}"
+        return self.call(abi.Ioctl.SUBSCRIBE_EVENT, raw, asked, unless=(errno.EINVAL, errno.ENOTTY))
 
     def dequeue_event(self) -> int | None:
         """Take the oldest event's type, or None when there is none."""
         event, raw = allocate(abi.V4l2Event)
-        try:
-            self._ioctl(abi.Ioctl.DQEVENT, raw)
-        except OSError as error:
-            if error.errno in (errno.ENOENT, errno.EAGAIN):
-                return None
-            raise_typed(self.device, "VIDIOC_DQEVENT", error)
-        return int(event.type)
+        there = self.call(abi.Ioctl.DQEVENT, raw, "VIDIOC_DQEVENT", unless=(errno.ENOENT, errno.EAGAIN))
+        return int(event.type) if there else None
 
     def wait(self, timeout_s: float) -> int:
         """Wait for a frame or an event; return poll's mask (POLLIN, POLLPRI, POLLERR, POLLHUP), 0 after `timeout_s`.
@@ -446,6 +430,10 @@ class VideoNode:
     def fd(self) -> int:
         """Get the descriptor, for mapping buffers."""
         return self._fd
+
+
+def _region(selection: abi.Selection | abi.SubdevSelection) -> Region:
+    return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
 
 
 def _text(raw: bytes) -> str:

@@ -62,7 +62,7 @@ class OpenCamera:
             self._subdevice: VideoNode | None = None
             self._moved: tuple[Applied, ...] = ()
             if options.subdevice:
-                subdevice = VideoNode(port, options.subdevice, name)
+                subdevice = VideoNode(port, options.subdevice, name, of_subdevice=True)
                 self._subdevice = undo.enter_context(contextlib.closing(subdevice))
             self.controls = ControlTable(self._subdevice or self.node)
             self._others = ControlTable(self.node) if self._subdevice is not None else None
@@ -216,7 +216,7 @@ class OpenCamera:
         }
         node = self._subdevice or self.node
         for name, target in (("region", abi.SelectionTarget.CROP), ("composed", abi.SelectionTarget.COMPOSE)):
-            region = node.get_region(target, of_subdevice=self._subdevice is not None)
+            region = node.get_region(target)
             if region is not None:
                 recorded[name] = f"{region.height} x {region.width} at {region.top}, {region.left}"
         others = {} if self._others is None else {f"node.{name}": v for name, v in self._others.values().items()}
@@ -259,13 +259,13 @@ class OpenCamera:
         width, height = config.width or present.width, config.height or present.height
         bus_code = PIXEL_FORMATS[code].bus_code
         if self._subdevice is not None:
-            self._set_region(self._subdevice, config, of_subdevice=True)
+            self._set_region(self._subdevice, config)
             if bus_code is not None:
                 width, height = self._subdevice.set_bus_format(bus_code, width, height)
         fmt = node.set_format(code, width, height)
         # A capture node with a scaler accepts every size; one without reads out the region that was set.
         other = config.top is not None or config.left is not None or (fmt.height, fmt.width) != (height, width)
-        if self._subdevice is None and other and self._set_region(node, config, of_subdevice=False):
+        if self._subdevice is None and other and self._set_region(node, config):
             fmt = node.set_format(code, width, height)
         if fmt.code != code or fmt.planes != 1:
             raise UnsupportedError(
@@ -281,19 +281,19 @@ class OpenCamera:
         """Undo another program's region: behind a scaler it would be enlarged, or fill a part of the frame only."""
         targets = abi.SelectionTarget
         for target, default in ((targets.CROP, targets.CROP_DEFAULT), (targets.COMPOSE, targets.COMPOSE_DEFAULT)):
-            present = node.get_region(target, of_subdevice=False)
-            whole = node.get_region(default, of_subdevice=False)
+            present = node.get_region(target)
+            whole = node.get_region(default)
             if present is not None and whole is not None and present != whole:
-                node.set_region(whole, of_subdevice=False, target=target)
+                node.set_region(whole, target)
 
-    def _set_region(self, node: VideoNode, config: SensorConfig, *, of_subdevice: bool) -> bool:
+    def _set_region(self, node: VideoNode, config: SensorConfig) -> bool:
         """Set the requested region of interest; return whether the driver supports regions.
 
         Raises:
             UnsupportedError: A position is requested and regions are not supported, or not this size.
             OutOfRangeError: It leaves the pixel array.
         """
-        bounds = node.get_region(abi.SelectionTarget.CROP_BOUNDS, of_subdevice=of_subdevice)
+        bounds = node.get_region(abi.SelectionTarget.CROP_BOUNDS)
         placed = config.top is not None or config.left is not None
         if bounds is None:
             if placed:
@@ -322,7 +322,7 @@ class OpenCamera:
                 remedy="change height, width, top and left in [sensor]",
             )
         wanted = Region(bounds.top + top, bounds.left + left, height, width)
-        got = node.set_region(wanted, of_subdevice=of_subdevice)
+        got = node.set_region(wanted)
         if (got.height, got.width) != (height, width):
             raise UnsupportedError(
                 self.name,

@@ -19,7 +19,7 @@ MESSAGE_IDS = 100
 _CHECKSUM = re.compile(r"^(.*):([0-9A-Fa-f]{2})$", re.DOTALL)
 _REPLY = re.compile(r"^@(\d{1,2}) (\d{1,2})(?: (\d{1,2}))? (OK|RJ) (BUSY|IDLE) ([A-Z-]{2})(?: (.*))?$")
 _ALERT = re.compile(r"^!(\d{1,2}) (\d{1,2}) (BUSY|IDLE) ([A-Z-]{2})(?: (.*))?$")
-_INFO = re.compile(r"^#(\d{1,2}) (\d{1,2})(?: (\d{1,2}))?(?: (.*))?$")
+_INFO = re.compile(r"^#\d{1,2} \d{1,2}(?: |$)")
 
 
 @dataclass(frozen=True)
@@ -56,16 +56,6 @@ class Alert:
     data: str
 
 
-@dataclass(frozen=True)
-class Info:
-    """Further text that belongs to a reply."""
-
-    address: int
-    axis: int
-    message_id: int | None
-    text: str
-
-
 def checksum(body: str) -> str:
     """Return the two hex digits that make a message's bytes sum to zero.
 
@@ -90,8 +80,11 @@ def request(address: int, axis: int, message_id: int, text: str, *, with_checksu
     return line.encode("ascii")
 
 
-def parse(line: bytes) -> ZaberReply | Alert | Info:
+def parse(line: bytes) -> ZaberReply | Alert | None:
     """Read one line without its end; bytes before its last marker are noise and are dropped.
+
+    Returns:
+        None for an info, which only adds text to a reply.
 
     Raises:
         ValueError: Not a message, or its checksum is wrong.
@@ -112,7 +105,7 @@ def parse(line: bytes) -> ZaberReply | Alert | Info:
     return _parse_body(text)
 
 
-def _parse_body(text: str) -> ZaberReply | Alert | Info:
+def _parse_body(text: str) -> ZaberReply | Alert | None:
     if match := _REPLY.match(text):
         address, axis, message_id, result, status, warning, data = match.groups()
         return ZaberReply(
@@ -127,7 +120,6 @@ def _parse_body(text: str) -> ZaberReply | Alert | Info:
     if match := _ALERT.match(text):
         address, axis, status, warning, data = match.groups()
         return Alert(int(address), int(axis), status == "BUSY", warning, data or "")
-    if match := _INFO.match(text):
-        address, axis, message_id, data = match.groups()
-        return Info(int(address), int(axis), None if message_id is None else int(message_id), data or "")
-    raise ValueError("not a reply, an info or an alert")
+    if not _INFO.match(text):
+        raise ValueError("not a reply, an info or an alert")
+    return None

@@ -10,12 +10,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy import ndimage
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
-from gs2ci.core.foreign.pattern import FITS_NOT, PatternTrace, trace
+from gs2ci.core.foreign.pattern import FITS_NOT, PatternTrace, fine_of, trace
 from gs2ci.core.foreign.scale import FULL_SCALES, Scale
 from gs2ci.core.mosaics import GREENS_FALL, GREENS_RISE, greens_of
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern
@@ -93,7 +92,7 @@ def find_pattern(image: F64, multiplicity: F64) -> PatternTrace | None:
     if image.size < ENOUGH_PIXELS:
         return None
     # Masks that always open the same number of pixels leave no pattern in their sum, a dark scene shows none.
-    if _fine(multiplicity).std() < 1e-3 * multiplicity.max() or _fine(image).std() < 1e-6 * np.abs(image).max():
+    if fine_of(multiplicity).std() < 1e-3 * multiplicity.max() or fine_of(image).std() < 1e-6 * np.abs(image).max():
         return None
     return trace(image, multiplicity)
 
@@ -267,7 +266,3 @@ def _snapped(scale: float, views: int) -> float:
     usual = [full / divisor for full in FULL_SCALES.values() for divisor in (1, views)]
     nearest = min(usual, key=lambda value: abs(np.log(value / scale)))
     return nearest if abs(nearest / scale - 1) < SNAP else scale
-
-
-def _fine(image: F64) -> F64:
-    return image - ndimage.uniform_filter(image, 5)

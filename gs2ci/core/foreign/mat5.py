@@ -24,32 +24,13 @@ HEADER_BYTES: Final = 128
 _MATRIX, _COMPRESSED = 14, 15
 # How numbers are stored (table 1-1), and what they are for MATLAB (table 1-3); the former may be the smaller type.
 _STORED: Final = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
+    **dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4"), 1)),
     9: "f8",
     12: "i8",
     13: "u8",
-    16: "u1",
-    17: "u2",
-    18: "u4",
+    **dict(enumerate(("u1", "u2", "u4"), 16)),
 }
-_CLASSES: Final = {
-    6: "f8",
-    7: "f4",
-    8: "i1",
-    9: "u1",
-    10: "i2",
-    11: "u2",
-    12: "i4",
-    13: "u4",
-    14: "i8",
-    15: "u8",
-}
+_CLASSES: Final = dict(enumerate(("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"), 6))
 _OTHER_CLASSES: Final = {
     1: "cell array",
     2: "struct",

@@ -92,7 +92,7 @@ class PatternTrace:
 
 def trace(image: F64, multiplicity: F64) -> PatternTrace:
     """Find the trace of the sum of masks, [H, W], in a measurement, [H, W]."""
-    seen, known = _without_glare(_fine(image)), _fine(multiplicity)
+    seen, known = _without_glare(fine_of(image)), fine_of(multiplicity)
     norm = float(np.linalg.norm(seen) * np.linalg.norm(known))
     if norm == 0:
         return PatternTrace("", 0.0, 0.0, 0.0, 0.0, np.inf)
@@ -138,5 +138,6 @@ def _without_glare(fine: F64) -> F64:
     return np.clip(fine, -_GLARING * typical, _GLARING * typical)
 
 
-def _fine(image: F64) -> F64:
+def fine_of(image: F64) -> F64:
+    """Return an image, [H, W], without what neighbouring pixels have in common."""
     return image - ndimage.uniform_filter(image, 5)

@@ -248,8 +248,10 @@ def settle(
         clipped = bool(np.isfinite(light.clip_of(question.image, work.saturation)))
         lacking = work.report_traces(found, examined.growth, clipped)
     agreement.report_pattern(traced, measurement, masks, guesses)
-    if options.offset is None and not lacking:  # masks that are missing light pixels that the others close
-        agreement.check_closed_pixels(examined.readings[0], coding.multiplicity, guesses)
+    # Masks that are missing light pixels that the others close, and those of another measurement close none.
+    if options.offset is None and not lacking and (traced is None or traced.shows):
+        opened = coding.multiplicity if traced is None else traced.moved(coding.multiplicity)
+        agreement.check_closed_pixels(examined.readings[0], opened, guesses)
     return SettledReadings(examined.readings, coding, traced, shown, given, examined.undone, examined.curved)
 
 

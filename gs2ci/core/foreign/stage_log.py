@@ -29,6 +29,9 @@ _AXES: Final = "xyz"
 _POSITIONS: Final = ("position", "pos", "stage")
 # Columns that turn the camera; a log that has them is not read without them.
 _TURNS: Final = re.compile(r"(yaw|pitch|roll|tilt|angle|theta|phi|rot|quat|q[wxyz]|r[xyz])", re.IGNORECASE)
+# The columns of a trajectory in TUM's order, and how others name them: tx, pos_x, quat_x, p_RS_R_x [m], q_RS_w [].
+_POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_IN_POSE: Final = re.compile(r"(?:(q)(?:uat[a-z]*)?|t|p|pos|position|)(?:_(?:\w+_)?)?([wxyz])\s*(?:\[.*\])?")
 _NAMED: Final = re.compile(r"([a-zA-Z]+)(?:[ _]*[\[(/_ ]\s*([a-zA-Zµμ]+)\s*[\])]?)?")
 _HOW: Final = "one row for each mask, in the order of exposure, under a first row of names: x_mm, y_mm, z_mm"
 
@@ -97,10 +100,16 @@ def _axes(ways: Sequence[str]) -> F64:
 
 def _turning(path: Path, read: Table, guesses: list[str]) -> Array | None:
     """Return the poses of a trajectory in a form of others; None: a table of positions."""
-    quaternion = sum(name.strip().lower() in ("qx", "qy", "qz", "qw") for name in read.names)
-    if read.columns.shape[1] not in TRAJECTORIES or (read.names and quaternion < 4):
+    columns = read.columns
+    if read.names:
+        # In whatever order they stand: TUM has w last, EuRoC and COLMAP first.
+        parts = [match and (match[1] or "") + match[2] for match in map(_IN_POSE.fullmatch, map(str.lower, read.names))]
+        if any(parts.count(part) != 1 for part in _POSE):
+            return None
+        columns = np.insert(columns[:, [parts.index(part) for part in _POSE]], 0, 0.0, axis=1)
+    if columns.shape[1] not in TRAJECTORIES:
         return None
-    return Array(str(path), trajectory(str(path), read.columns, guesses))
+    return Array(str(path), trajectory(str(path), columns, guesses))
 
 
 def _positions(path: Path, read: Table, guesses: list[str]) -> F64:

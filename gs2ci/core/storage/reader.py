@@ -124,11 +124,14 @@ class CaptureFile(SuspectFile):
         """
         schema = self.attribute(self.file, "schema", "/")
         if schema != SCHEMA:
-            known = isinstance(schema, str) and schema.startswith("gs2ci.capture/")
+            remedies = {
+                "gs2ci.capture": "read it with the newer gs2ci that wrote it",
+                "gs2ci.calibration": "it is a calibration: give the exposures that `gs2ci capture --calibration` takes",
+            }
             raise StorageError(
                 f"{self.path}: schema {schema!r}" if schema is not None else f"{self.path}: not a gs2ci capture file",
                 allowed=f"schema {SCHEMA}",
-                remedy="read it with the newer gs2ci that wrote it" if known else "import it with `gs2ci import`",
+                remedy=remedies.get(str(schema).partition("/")[0], "import it with `gs2ci import`"),
             )
         complete = self.require("complete", axes=0)
         if not unfinished and int(complete) != 1:

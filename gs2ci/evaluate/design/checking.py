@@ -19,7 +19,7 @@ from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.presets.named import preset
 
 # Of several exposures' time, the share that grows with their number: each is observed by itself. The rest, the common
-# fit, grows with its root (`gs2ci.reconstruct.exposures.schedule`). Four together take 0.57 of the time of four
+# fit, grows with its root (`gs2ci.reconstruct.exposures.joint`). Four together take 0.57 of the time of four
 # (`python -m tests.benchmarks exposures`).
 _EACH: Final = 0.15
 

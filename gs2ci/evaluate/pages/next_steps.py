@@ -110,7 +110,7 @@ def still_improving(report: Report) -> NextStep | None:
         return None
     if looks.index(min(looks)) < len(looks) - FRESH_LOOKS:
         return None
-    # Several exposures together are given more iterations than were asked for (`exposures.schedule`).
+    # Several exposures together are given more iterations than were asked for (`exposures.joint`).
     more = 2 * round(report.curve[-1].iteration / max(1, len(report.exposures)) ** 0.5)
     return NextStep(
         report.stopped.code.remedy,

@@ -168,11 +168,10 @@ def _views(report: Report, pictures: RunPictures) -> Markup:
         recovered=pictures.recovered,
         measurement=pictures.measurement,
         captions=[_caption(report, index) for index in pictures.indices],
-        views=[index + 1 for index in pictures.indices],
-        start=pictures.start,
         width=pictures.recovered[0].width,
         height=pictures.recovered[0].height,
         pixelated=pictures.pixelated,
+        **pictures.numbered,
     )
 
 
@@ -221,29 +220,26 @@ def _maps(pictures: RunPictures) -> Markup:
         piece(
             "by_view",
             pictures=found.pictures,
-            views=[index + 1 for index in pictures.indices],
-            start=pictures.start,
             label=found.label,
             caption=found.caption,
             scale=found,
             pixelated=pictures.pixelated,
+            **pictures.numbered,
         )
         for name in ("depth", "error", "disagreement")
         if (found := pictures.maps.get(name)) is not None
     ]
     if not shown:
         return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
-    views = [index + 1 for index in pictures.indices]
-    return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
+    return pieces.columns(*shown) + piece("picker", label="View", **pictures.numbered)
 
 
 def _sureness(report: Report, pictures: RunPictures) -> Markup:
     found = report.sureness
     if found is None:
         return Markup()
-    views = [index + 1 for index in pictures.indices]
     shown = [
-        piece("veiled", map=pictures.maps[name], views=views, start=pictures.start, pixelated=pictures.pixelated)
+        piece("veiled", map=pictures.maps[name], pixelated=pictures.pixelated, **pictures.numbered)
         for name in ("views_error", "depth_error")
         if name in pictures.maps
     ]
@@ -264,8 +260,7 @@ def _sureness(report: Report, pictures: RunPictures) -> Markup:
             ),
             ("of their rotations against each other, largest", f"{describe_number(max(found.rotations_deg), 2)}°"),
         ]
-    picker = piece("picker", views=views, start=pictures.start, label="View")
-    return pieces.columns(*shown) + picker + pieces.facts(rows)
+    return pieces.columns(*shown) + piece("picker", label="View", **pictures.numbered) + pieces.facts(rows)
 
 
 def _sureness_lead(report: Report) -> str:

@@ -105,6 +105,11 @@ class RunPictures:
     maps: Mapping[str, Map]
 
     @property
+    def numbered(self) -> dict[str, Any]:
+        """Get what a piece that shows them view by view is told: the views' numbers, from 1, and the first shown."""
+        return {"views": [index + 1 for index in self.indices], "start": self.start}
+
+    @property
     def all_shown(self) -> bool:
         """Return whether every view is shown."""
         return len(self.indices) == self.count

@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from gs2ci.core.errors import StorageError, reason_of
 from gs2ci.core.json_text import as_json, parse_json
 from gs2ci.core.whole_file import write_whole
 
@@ -56,17 +55,11 @@ class Store:
         return self._folder / f"{key}.json"
 
 
-def content_key(work: str, arguments: Mapping[str, Any], files: tuple[str, ...] = ()) -> str:
-    """Hash all that a cell's result depends on: the work, its arguments, the bytes of its files, and our sources.
-
-    Raises:
-        StorageError: A file cannot be read.
-    """
+def content_key(work: str, arguments: Mapping[str, Any]) -> str:
+    """Hash all that a cell's result depends on: the work, its arguments, and our sources."""
     digest = hashlib.sha256()
     digest.update(json.dumps([work, arguments], sort_keys=True).encode())
     digest.update(_sources_digest().encode())
-    for name in files:
-        digest.update(_file_digest(name).encode())
     return digest.hexdigest()[:_KEY_CHARACTERS]
 
 
@@ -84,14 +77,3 @@ def _source_files() -> Iterator[Path]:
         spec = find_spec(package)
         for root in spec.submodule_search_locations or () if spec else ():
             yield from sorted(Path(root).rglob("*.py"))
-
-
-@cache
-def _file_digest(name: str) -> str:
-    try:
-        with Path(name).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise StorageError(
-            f"{name} cannot be read: {reason_of(error)}", remedy="name the folder with --data"
-        ) from error

@@ -5,9 +5,8 @@ Linear, so that a decoder may call it in each iteration.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, I64
 
 _GREEN_KERNEL = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]], np.float32)
 _COLOUR_KERNEL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32)
@@ -20,7 +19,7 @@ class Demosaicer:
         channels: Channel index of each pixel, [H, W] integer.
     """
 
-    def __init__(self, channels: NDArray[np.int64]) -> None:
+    def __init__(self, channels: I64) -> None:
         self._sees = [(channels == c).astype(np.float32) for c in range(3)]
         kernels = (_COLOUR_KERNEL, _GREEN_KERNEL, _COLOUR_KERNEL)
         weights = [_filter(seen, kernel) for seen, kernel in zip(self._sees, kernels, strict=True)]

@@ -25,7 +25,7 @@ def gap_on_device(
     """Step from views to views.
 
     Args:
-        views: To begin with, [N, C, H, W].
+        views: To begin with, [N, C, H, W]; a single one stands for all.
         equation: wᵢ Mᵢ, [N, H, W]; the readings, [C, H, W]; and the inverse of the equation's energy, [H, W].
         target: The readings with the accumulated residual, [C, H, W].
         levels: Of each step: the denoiser's level; the noise per energy, [C, H, W], or None; the power of the views'
@@ -35,7 +35,7 @@ def gap_on_device(
         device: Where.
 
     Returns:
-        The views, [N, C, H, W].
+        The views, [N, H, W, C].
     """
     now, goal, masks, measured, inverse = (
         torch.from_numpy(np.ascontiguousarray(one)).to(device) for one in (views, target, *equation)
@@ -45,7 +45,7 @@ def gap_on_device(
         now, goal, energy = projected(now, goal, masks, measured, inverse, weighed, power)
         told(step + 1, float(energy))
         now = smoothed(now, denoise[0] * sigma, denoise[1])
-    return now.cpu().numpy()
+    return now.movedim(1, -1).contiguous().cpu().numpy()
 
 
 def projected(

@@ -96,14 +96,12 @@ def are_finite(stack: F32) -> Bool:
 @helper(fastmath=EXACT)
 def _primal_row(image: F32, dual_y: F32, dual_x: F32, weight: float, r: int, out: F32) -> None:
     """Write row r of image + weight * div(dual) to `out`."""
-    width = image.shape[1]
-    for col in range(width):
-        out[col] = image[r, col] + weight * (dual_y[r, col] + dual_x[r, col])
-    for col in range(1, width):
-        out[col] -= weight * dual_x[r, col - 1]
-    if r > 0:
-        for col in range(width):
-            out[col] -= weight * dual_y[r - 1, col]
+    # Above the first row stands the last, whose dual_y is 0.
+    here, above = image[r], dual_y[r - 1]
+    out[0] = here[0] + weight * (dual_y[r, 0] + dual_x[r, 0]) - weight * above[0]
+    for col in range(1, len(out)):
+        inflow = weight * (dual_y[r, col] + dual_x[r, col])
+        out[col] = here[col] + inflow - weight * dual_x[r, col - 1] - weight * above[col]
 
 
 @helper(fastmath=EXACT)

@@ -12,13 +12,12 @@ from typing import Annotated, Final, Literal
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
-from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.arrays import F32, I64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
-from gs2ci.core.errors import NumericsError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
@@ -26,9 +25,87 @@ from gs2ci.reconstruct.decode.denoisers import Denoiser, TotalVariation
 from gs2ci.reconstruct.decode.device_gap import gap_on_device
 from gs2ci.reconstruct.decode.kernels import are_finite, project_onto_measurement
 from gs2ci.reconstruct.decode.planes import interleaved, planar, repeated
-from gs2ci.reconstruct.decode.several import turned
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.render.places import working_device
+
+# Several measurements of the same views, as equations that can be solved one after the other.
+#
+# K measurements of N views are K equations at each pixel, y = Φ x. A projection onto all of them solves a system of K
+# by K. Turned by the eigenvectors of Φ Φᵀ, Uᵀ y = (Uᵀ Φ) x, the equations stand at right angles to each other:
+# projecting onto one after the other is then projecting onto all at once. The turn keeps lengths, so that white noise
+# of the readings stays white, and equations that say nearly the same become one that counts K times and others that
+# hardly do.
+
+# Rows of pixels that are turned at once, so that memory holds a strip of them.
+_STRIP: Final = 32
+# Of more measurements than views, an equation whose square is a smaller share of the largest is rounding.
+_DEPENDENT: Final = 1e-10
+
+
+def check_same_views(shots: Sequence[Shot]) -> None:
+    """Check that measurements may be of the same views.
+
+    Raises:
+        InputError: There are none, or they differ in the number of views, in size or in colours.
+    """
+    if not shots:
+        raise InputError("no measurement to decode", allowed="one or more of the same views")
+    first, *others = ((shot.views, shot.size, shot.channels, shot.cfa) for shot in shots)
+    if any(other != first for other in others):
+        raise InputError(
+            "measurements that differ in their number of views, in size or in colours, decoded as of the same views",
+            allowed="repeats of one path with one camera",
+        )
+
+
+def turned(shots: Sequence[Shot]) -> tuple[F32, F32]:
+    """Return masks and readings of measurements of the same views, as equations at right angles to each other.
+
+    Saturated readings, and those behind closed masks, become zero equations.
+
+    Args:
+        shots: K of them.
+
+    Returns:
+        Masks of either sign, [K, N, H, W], and readings, [K, C, H, W]; at each pixel ordered by how much they count. No
+        more than N of them, however many measurements there are.
+    """
+    check_same_views(shots)
+    parts = [_turned_strip(shots, slice(top, top + _STRIP)) for top in range(0, shots[0].size[0], _STRIP)]
+    masks, read = (np.concatenate(of_strips, axis=2) for of_strips in zip(*parts, strict=True))
+    return masks, read
+
+
+def _turned_strip(shots: Sequence[Shot], rows: slice) -> tuple[F32, F32]:
+    """Return masks and readings of some rows of pixels."""
+    masks, read = zip(*(_equation(shot, rows) for shot in shots), strict=True)
+    if len(shots) <= shots[0].views:
+        every, readings = np.stack(masks), np.stack(read)
+        turn = np.linalg.eigh(np.einsum("knhw,lnhw->hwkl", every, every, dtype=np.float64))[1][..., ::-1]
+        turned_masks, turned_read = (np.einsum("hwkl,kchw->lchw", turn, part) for part in (every, readings))
+    else:
+        # More equations than views say no more than as many as views: Φᵀ Φ and Φᵀ y hold all of it.
+        pairs = list(zip(masks, read, strict=True))
+        products = sum(np.einsum("nhw,mhw->hwnm", one, one, dtype=np.float64) for one in masks)
+        answers = sum(np.einsum("nhw,chw->hwnc", one, values, dtype=np.float64) for one, values in pairs)
+        squares, turn = (part[..., ::-1] for part in np.linalg.eigh(products))
+        known = squares > _DEPENDENT * squares[..., :1]
+        lengths = np.sqrt(np.where(known, squares, 0.0))
+        turned_masks = np.einsum("hwnl,hwl->lnhw", turn, lengths)
+        inverse = np.where(known, 1 / np.where(known, lengths, 1.0), 0.0)
+        turned_read = np.einsum("hwnl,hwnc,hwl->lchw", turn, answers, inverse)
+    return np.ascontiguousarray(turned_masks, np.float32), np.ascontiguousarray(turned_read, np.float32)
+
+
+def _equation(shot: Shot, rows: slice) -> tuple[F32, F32]:
+    """Return a measurement's masks, [N, h, W], and readings, [C, h, W]; zeros where it says nothing."""
+    masks = shot.masks[:, rows] * shot.weights[:, None, None]
+    read = shot.measurement[rows].transpose(2, 0, 1).copy()
+    if shot.saturated is not None:
+        masks[:, shot.saturated[rows]] = 0
+    read[:, ~masks.any(axis=0)] = 0
+    return masks, read
+
 
 Beginning = Literal["average", "transpose"]
 # From views as the sensor measures them, [N, C or mosaic, H, W], to denoised views: as measured, and in full colour.
@@ -103,7 +180,7 @@ def plug_and_play(
     Args:
         shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored. A mosaic is
             projected as it was measured, and demosaicked before each denoising. Several are measurements of the same
-            views, each of which adds an equation at every pixel (`several`).
+            views, each of which adds an equation at every pixel.
         denoise: The denoiser.
         settings: The schedule.
         progress: Receives each iteration and its relative residual.
@@ -142,7 +219,7 @@ def plug_and_play(
         smooth = _total_variation(denoise)
         if smooth is not None:
             return _on_device(views, equations, targets[0], levels.tolist(), smooth, noise, progress, device)
-    seen = views
+    seen = views = repeated(views[0], shot.views) if len(views) < shot.views else views
     progress.stage("decode", len(levels))
     for iteration, sigma in enumerate(levels.tolist()):
         error_power = 1.0 if noise is None else noise.error_power(sigma)
@@ -186,7 +263,7 @@ def _on_device(
         progress.step(step, residual=_relative(left, equations.each))
 
     given = (one.masks, one.measured, one.inverse_energy)
-    return interleaved(gap_on_device(views, given, target, levels, smooth, told, device))
+    return gap_on_device(views, given, target, levels, smooth, told, device)
 
 
 @dataclass(frozen=True)
@@ -249,8 +326,8 @@ def _inverse_energy(masks: F32, saturated: Bool | None) -> F32:
     return np.where(counts, inverse, 0.0).astype(np.float32)
 
 
-def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: NDArray[np.int64] | None) -> F32:
-    """Start every view from the measurement divided by its total exposure, [N, C, H, W]; a mosaic stays one.
+def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: I64 | None) -> F32:
+    """Start every view from the measurement divided by its total exposure, [1, C, H, W]; a mosaic stays one.
 
     Pixels that do not count start from a mean of those nearby of their own colour, or of all of it if none is near:
     smoothing alone would take long to fill them, and never fill a wide hole.
@@ -265,7 +342,7 @@ def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: NDArray
         for plane, level, around in zip(average, mean, np.broadcast_to(nearby, average.shape), strict=True)
     ]
     average = np.where(read, average, filled).astype(np.float32)
-    return repeated(_as_measured(average[None], channels)[0], len(masks))
+    return _as_measured(average[None], channels)
 
 
 def _blur(plane: F32) -> F32:
@@ -280,14 +357,14 @@ def _plane_prior(denoise: Denoiser) -> _Prior:
     return prior
 
 
-def _as_measured(colour: F32, channels: NDArray[np.int64] | None) -> F32:
+def _as_measured(colour: F32, channels: I64 | None) -> F32:
     """Return planes, [N, C, H, W]; with a colour filter array, of channel indices [H, W], their mosaic."""
     if channels is None:
         return colour
     return np.take_along_axis(colour, np.broadcast_to(channels, (len(colour), 1, *channels.shape)), axis=1)
 
 
-def _mosaic_prior(channels: NDArray[np.int64], denoise: Denoiser) -> _Prior:
+def _mosaic_prior(channels: I64, denoise: Denoiser) -> _Prior:
     demosaic = Demosaicer(channels)
 
     def prior(views: F32, sigma: float) -> tuple[F32, F32]:

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.reconstruct.exposures.pictures import MeanPicture, sampled
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.geometry.depth.view_depths import grid, project
@@ -27,8 +27,6 @@ _CORNERS: Final = TrackSettings(corners=400)
 _FOLLOWED_PX: Final = 5.0
 _LEAST_LIKENESS: Final = 0.75
 _PATCH_PX: Final = 5
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +46,8 @@ class Matches:
     other: F64
     at_one: F64
     at_other: F64
-    pictures: Indices
-    corners: Indices
+    pictures: I64
+    corners: I64
 
     def __len__(self) -> int:
         return len(self.one)
@@ -78,7 +76,7 @@ class Matches:
 
     @classmethod
     def lifted(
-        cls, pictures: tuple[MeanPicture, MeanPicture], at: tuple[F64, F64], which: tuple[int, int], corners: Indices
+        cls, pictures: tuple[MeanPicture, MeanPicture], at: tuple[F64, F64], which: tuple[int, int], corners: I64
     ) -> "Matches":
         """Lift places, [M, 2] px, in two pictures, which have indices."""
         points = [picture.lifted(places) for picture, places in zip(pictures, at, strict=True)]

@@ -7,7 +7,8 @@ Here: the order of these, and the record of the whole. Not here: a single exposu
 exposures lie (`places`), the fit (`fit.coarse.stage`).
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +19,7 @@ import numpy as np
 
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import Shot
@@ -26,14 +27,12 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.core.summed import check_alike, summed
 from gs2ci.reconstruct.exposures import foreseen
 from gs2ci.reconstruct.exposures.merging import merged, side_by_side, with_what_each_gave
-from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
+from gs2ci.reconstruct.exposures.observing import Keeping, PlacedExposure, first_of_all, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
-from gs2ci.reconstruct.exposures.placing import first_of_all
 from gs2ci.reconstruct.exposures.repeats import decoded_together
-from gs2ci.reconstruct.exposures.resumed import observations
-from gs2ci.reconstruct.exposures.schedule import shared_schedule
 from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of, key_of_run
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.combining.metric import in_given_unit
@@ -41,7 +40,7 @@ from gs2ci.reconstruct.fusion import hand_over
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.moving import MotionReport
 from gs2ci.reconstruct.hypotheses.race import Raced
-from gs2ci.reconstruct.observe import Tools
+from gs2ci.reconstruct.observe import KeptObservation, Observed, Tools, observe
 from gs2ci.reconstruct.placing import placed as on_device
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.settings import Settings
@@ -51,6 +50,61 @@ from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 from gs2ci.render.places import working_on
+
+# Observations of exposures that an unfinished run keeps.
+
+
+def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Keeping:
+    """Return what observes exposures that are not observed yet, and keeps what they show on the disk."""
+
+    def kept(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
+        def see() -> KeptObservation:
+            return KeptObservation.of(observe(shot, settings, tools, progress, score, Halt(), None))
+
+        read = unfinished.done(f"exposure-{number:03}", see, arrays_of(shot))
+        return lambda: read().observed(shot, settings, progress, score)
+
+    return kept
+
+
+# The schedule of a fit to several exposures, from that of a fit to one.
+
+# Iterations grow with this power of the number of exposures, of which each iteration sees one.
+_GROWTH: Final = 0.5
+
+
+def shared_schedule(fit: CoarseSettings, exposures: int, growth: float) -> CoarseSettings:
+    """Return the schedule of a fit to so many exposures; that of one is unchanged.
+
+    Looks and turns of the density rule stay as many, and lie a whole number of rounds apart, so that each has seen
+    every exposure equally often.
+
+    Args:
+        fit: The schedule for one.
+        exposures: How many.
+        growth: How many times as many first Gaussians there are as for one, which the population's bound follows.
+    """
+    if exposures == 1:
+        return fit
+    stretch = exposures**_GROWTH
+    between, hold_out = _rounds(fit.densify_every * stretch, exposures), fit.hold_out
+    return replace(
+        fit,
+        iterations=_rounds(fit.iterations * stretch, exposures),
+        densify_every=between,
+        hold_out=replace(
+            hold_out,
+            look_every=_rounds(hold_out.look_every * stretch, exposures),
+            patience=_rounds(hold_out.patience * stretch, exposures),
+            growth_patience=_rounds(hold_out.growth_patience * stretch, exposures),
+        ),
+        gaussians_per_pixel=None if fit.gaussians_per_pixel is None else fit.gaussians_per_pixel * max(1.0, growth),
+    )
+
+
+def _rounds(iterations: float, exposures: int) -> int:
+    """Return about so many iterations that are whole rounds, one at least."""
+    return exposures * max(1, math.ceil(iterations / exposures - 0.5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +123,7 @@ class Joint:
     result: RunResult
     scene: Gaussians
     parts: tuple[RunResult, ...]
-    left_out: tuple[Finding, ...]
+    left_out: Findings
 
 
 @one_torch_thread()

@@ -18,17 +18,17 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.decode.weighing import decode_weighing
 from gs2ci.reconstruct.exposures.observing import ObservedExposure, held
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
+from gs2ci.reconstruct.fusion import decode_weighing
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import Brightness
+from gs2ci.reconstruct.measurement.faulty import fill_holes
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.observe import as_shown
 from gs2ci.reconstruct.settings import Settings
 
@@ -61,7 +61,7 @@ class CommonDecode:
 
 def decoded_together(
     observed: Sequence[ObservedExposure], settings: Settings, prior: GeometryPrior, progress: Progress
-) -> tuple[list[ObservedExposure], tuple[Finding, ...]]:
+) -> tuple[list[ObservedExposure], Findings]:
     """Find repeats, decode them together, and find one path and depth for each group of them.
 
     Exposures that repeat none are returned as they are. Of a group, those stay whose held-out pixels the common decode

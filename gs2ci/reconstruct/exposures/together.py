@@ -17,8 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.exposures.corners import Indices
+from gs2ci.core.arrays import F64, I64
 from gs2ci.reconstruct.exposures.pairs import PLACE_ERROR_PX, projected
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 
@@ -49,10 +48,10 @@ class Corners:
     """
 
     points: F64
-    hosts: Indices
+    hosts: I64
     cameras: F64
-    of: Indices
-    by: Indices
+    of: I64
+    by: I64
     poses: F64
     intrinsics: F64
     places: F64

@@ -1,7 +1,7 @@
 """Fits without the poses or points of the geometry stage, to measure what these are worth (paper, Table VII).
 
 Here: first poses and first points without that knowledge. Not here: the geometry (`reconstruct.geometry`), the other
-components that can be switched off (`paper.ablation`).
+components that can be switched off (`paper.preset`).
 """
 
 from dataclasses import dataclass, replace

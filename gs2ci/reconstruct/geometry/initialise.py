@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from gs2ci.core.arrays import F32, F64, I64, Bool
+from gs2ci.core.arrays import F32, F64, I64, Bool, Size
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import relative_to
 from gs2ci.core.errors import GeometryError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.reconstruct.choices import LeftOut
@@ -130,7 +130,7 @@ class Geometry:
     reprojection_rms_px: float = 0.0
     parallax_px: float = 0.0
     verdict: Verdict = Verdict.UNSUPPORTED
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
     source: str = PathSource.TRACKS
     path_errors: PathErrors | None = None
     unit: float | None = None
@@ -230,7 +230,7 @@ def initialise(
     return found
 
 
-def flat_geometry(views: int, size: tuple[int, int], camera: Focal) -> Geometry:
+def flat_geometry(views: int, size: Size, camera: Focal) -> Geometry:
     """Return the assumption without an estimate: a camera at rest in front of a plane at inverse depth 1."""
     return Geometry(
         world_to_camera=np.tile(np.eye(4), (views, 1, 1)),
@@ -300,7 +300,7 @@ class _Estimation:
         geometry = replace(geometry, inverse_depth=self.depth(geometry, found.motion), followed=followed)
         return self.with_reverse(replace(found, geometry=geometry))
 
-    def focal(self, doubts: tuple[Finding, ...]) -> Focal:
+    def focal(self, doubts: Findings) -> Focal:
         """Estimate the focal length, if there are no doubts about the tracks."""
         settings = self.settings
         if doubts:

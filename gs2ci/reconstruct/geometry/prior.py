@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
@@ -45,7 +45,7 @@ class Request:
         return self.shot.intrinsics if self.lens is None else self.lens.canvas_intrinsics
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> Size:
         """Get height and width of the views, px."""
         return int(self.views.shape[1]), int(self.views.shape[2])
 

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Mapping
 
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound, Origin, RaceEvidence, RaceOutcome
 
 
-def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]:
+def order_findings(order: OrderFound, geometry: Geometry) -> Findings:
     """Report what is known of the order of depth; nothing if it is settled.
 
     Args:
@@ -20,7 +20,7 @@ def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]
     return (finding(Code.DEPTH_ORDER_OPEN, errors=order.errors),)
 
 
-def course_findings(course: tuple[RaceEvidence, ...], motion: Mapping[str, float | None]) -> tuple[Finding, ...]:
+def course_findings(course: tuple[RaceEvidence, ...], motion: Mapping[str, float | None]) -> Findings:
     """Report the held-out residuals of the hypotheses that reached the jury, smallest first.
 
     Args:
@@ -34,7 +34,7 @@ def course_findings(course: tuple[RaceEvidence, ...], motion: Mapping[str, float
     return tuple(note for notes in found for note in notes)
 
 
-def ranking(left: Mapping[str, float | None], chosen: str) -> tuple[Finding, ...]:
+def ranking(left: Mapping[str, float | None], chosen: str) -> Findings:
     """Report held-out residuals, smallest first; nothing for a single one, or without such pixels.
 
     Args:

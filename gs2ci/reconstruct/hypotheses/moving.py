@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.run_figures import MotionSection
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
@@ -143,7 +143,7 @@ class MotionReport:
             most_px=None if speeds is None else speeds.most_px,
         )
 
-    def notes(self, speeds: "Speeds | None", path: F64 | None) -> tuple[Finding, ...]:
+    def notes(self, speeds: "Speeds | None", path: F64 | None) -> Findings:
         """Report what moves, or that moving scenes were tried and not confirmed.
 
         Args:

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Size
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, run_model
 
@@ -141,9 +141,9 @@ class _Frame:
         total: Of the model's image; the view lies in its middle, with white around it as in training.
     """
 
-    size: tuple[int, int]
-    inner: tuple[int, int]
-    total: tuple[int, int]
+    size: Size
+    inner: Size
+    total: Size
 
     @classmethod
     def of(cls, size: tuple[int, ...], rows: int | None, columns: int | None) -> "_Frame":
@@ -163,7 +163,7 @@ class _Frame:
         return self.inner[0] / self.size[0], self.inner[1] / self.size[1]
 
     @property
-    def _corner(self) -> tuple[int, int]:
+    def _corner(self) -> Size:
         return (self.total[0] - self.inner[0]) // 2, (self.total[1] - self.inner[1]) // 2
 
     def filled(self, view: F32) -> F32:

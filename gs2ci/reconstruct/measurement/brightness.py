@@ -23,6 +23,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt
+from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.bounds import Bounded
@@ -32,6 +33,7 @@ from gs2ci.reconstruct.choices import LightMode
 from gs2ci.reconstruct.measurement.blocks import block_numbers, scores_over_blocks
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
+from gs2ci.render.places import work_place
 
 # If the condition number of the normal equations is larger, the masks do not distinguish their views' brightness.
 TOO_ALIKE: Final = 1e8
@@ -190,7 +192,7 @@ def relit(holdout: Holdout, found: BrightnessEstimate) -> Holdout:
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """The linear system for the views' brightness.
+    """The linear system for the views' brightness, on a device where one works.
 
     Build it with `of`.
 
@@ -204,11 +206,11 @@ class LinearSystem:
         told: Modes of brightness in which the masks tell views apart, [L, R].
     """
 
-    parts: F64
-    readings: F64
+    parts: Tensor
+    readings: Tensor
     lit: Bool
     light: F64
-    half: Bool
+    half: Tensor
     block: NDArray[np.intp]
     told: F64
 
@@ -225,29 +227,31 @@ class LinearSystem:
             return None
         counted = shot.usable
         told = told_modes(shot.masks[:, counted][lit])
-        coding = Coding.of(shot)
-        parts = np.empty((int(lit.sum()), int(counted.sum()), shot.measurement.shape[2]))
+        coding, place = Coding.of(shot), work_place()
+        asked = torch.from_numpy(counted).to(place)
+        readings = torch.from_numpy(shot.measurement).to(place)[asked].double()
+        parts = readings.new_empty(int(lit.sum()), *readings.shape)
         for part, view in zip(parts, np.flatnonzero(lit), strict=True):
-            part[:] = _part(coding, views, int(view))[counted]
+            alone = Coding(coding.transmissions[[view]].to(place), coding.channels)
+            part[:] = alone.forward(torch.from_numpy(views[[view]]).to(place))[asked]
         row, column = np.nonzero(counted)
         side = max(_SQUARE_PX, round(np.sqrt(counted.size) / _BLOCKS))
         return cls(
             parts=parts,
-            readings=shot.measurement[counted].astype(np.float64),
+            readings=readings,
             lit=lit,
             light=shot.weights[lit] * shot.masks[lit].sum(axis=(1, 2), dtype=np.float64),
-            half=np.asarray((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0),
+            half=torch.from_numpy((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0).to(place),
             block=block_numbers(row, column, side),
             told=told,
         )
 
-    def solve(self, pixels: Bool | slice = slice(None)) -> F64 | None:
+    def solve(self, pixels: Tensor | slice = slice(None)) -> F64 | None:
         """Return the brightness of the lit views, [L], of mean 1 over their light, from some of the pixels.
 
         None if masks do not distinguish the views, or a factor is outside a lamp's range.
         """
-        parts = self.parts[:, pixels].reshape(len(self.parts), -1)
-        normal, right = parts @ parts.T, parts @ self.readings[pixels].ravel()
+        normal, right = self._normal(pixels)
         # In all other modes the brightness is that of the weights.
         right = self.told.T @ (right - normal.sum(axis=1))
         normal = self.told.T @ normal @ self.told
@@ -259,17 +263,25 @@ class LinearSystem:
             return None
         return np.asarray(found / mean, np.float64)
 
+    def _normal(self, pixels: Tensor | slice = slice(None)) -> tuple[F64, F64]:
+        """Return the normal matrix of some pixels, [L, L], and its right side, [L]."""
+        parts = self.parts[:, pixels].reshape(len(self.parts), -1)
+        return (parts @ parts.T).cpu().numpy(), (parts @ self.readings[pixels].reshape(-1)).cpu().numpy()
+
+    def _left(self, brightness: F64) -> Tensor:
+        """Return what views of some brightness, [L], leave of the readings, [P, C]."""
+        return self.readings - torch.tensordot(torch.from_numpy(brightness).to(self.parts.device), self.parts, dims=1)
+
     def errors(self) -> F64:
         """Return the standard errors of `solve`, [L], from scores summed over blocks.
 
         Residuals are correlated over the things of a scene, so that errors from single pixels would be too small.
         """
-        parts = self.parts.reshape(len(self.parts), -1)
-        normal = parts @ parts.T
+        normal, right = self._normal()
         inverse = self.told @ np.linalg.inv(self.told.T @ normal @ self.told) @ self.told.T
-        found = 1 + inverse @ (parts @ self.readings.ravel() - normal.sum(axis=1))
-        left = self.readings - np.tensordot(found, self.parts, axes=1)
-        by_pixel = np.einsum("lpc,pc->lp", self.parts, left)
+        found = 1 + inverse @ (right - normal.sum(axis=1))
+        left = self._left(found)
+        by_pixel = torch.stack([(part * left).sum(dim=-1) for part in self.parts]).cpu().numpy()
         spread = inverse @ scores_over_blocks(by_pixel, self.block) @ inverse
         share = self.light / self.light.sum()
         mean = float(found @ share)
@@ -282,20 +294,15 @@ class LinearSystem:
         Args:
             solver: The system that gives each half's brightness, if it is another one.
         """
-        before, after = self._squares(np.ones(len(self.parts)), slice(None)), np.empty(len(self.readings))
-        for asked in (self.half, ~self.half):
-            found = (solver or self).solve(asked)
-            if found is None:
-                return 0.0
-            after[~asked] = self._squares(found, ~asked)
+        one, other = ((solver or self).solve(half) for half in (~self.half, self.half))
+        if one is None or other is None:
+            return 0.0
+        squares = (self._left(found).square().sum(dim=-1) for found in (np.ones(len(one)), one, other))
+        before, first, second = (some.cpu().numpy() for some in squares)
+        after = np.where(self.half.cpu().numpy(), first, second)
         if not surely_larger(before, after):
             return 0.0
         return float(1 - np.sqrt(after.mean() / before.mean()))
-
-    def _squares(self, brightness: F64, pixels: Bool | slice) -> F64:
-        """Return squared residuals of pixels, summed over their channels."""
-        left = self.readings[pixels] - np.tensordot(brightness, self.parts[:, pixels], axes=1)
-        return (left**2).sum(axis=-1)
 
     def of_all_views(self, found: F64) -> F64:
         """Return the brightness of all views, [N], from that of the lit ones; 1 for views without light."""
@@ -304,14 +311,8 @@ class LinearSystem:
         return brightness
 
 
-def _part(coding: Coding, views: F32, view: int) -> F64:
-    """Return the contribution of one view to the measurement, [H, W, C]."""
-    alone = Coding(coding.transmissions[view : view + 1], coding.channels)
-    return alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)
-
-
 def told_modes(masks: F32) -> F64:
     """Return the modes of brightness, [L, R], in which masks, [L, P], L at least 1, tell views apart."""
-    opened = masks.astype(np.float64)
-    shares, modes = np.linalg.eigh(opened @ opened.T)
+    opened = torch.from_numpy(masks).to(work_place()).double()
+    shares, modes = np.linalg.eigh((opened @ opened.T).cpu().numpy())
     return np.asarray(modes[:, shares >= _LEAST_TOLD * shares.mean()])

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 
@@ -25,7 +25,7 @@ DARK: Final = 0.02
 MOST_OUTLIERS: Final = 0.1
 
 
-def cfa_channels(pattern: CfaPattern, size: tuple[int, int]) -> Tensor:
+def cfa_channels(pattern: CfaPattern, size: Size) -> Tensor:
     """Get which of R, G, B each pixel of a mosaic sees.
 
     Args:

@@ -18,10 +18,9 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, I64, Bool
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, ELSEWHERE_PX, LEAST_PIXELS, in_blocks, ridged
 from gs2ci.reconstruct.measurement.noise import MEDIAN_DEVIATE
@@ -119,7 +118,7 @@ def displacements(shot: Shot, rounds: int = 0) -> BlockDisplacements | None:
     return BlockDisplacements(centres_px, px, covariance, times, side)
 
 
-_Blocks = tuple[NDArray[np.int64], F64, F64, tuple[int, ...]]
+_Blocks = tuple[I64, F64, F64, tuple[int, ...]]
 """Row and column of each block that tells, [B, 2]; its displacements, [B, 2 F], and their covariance, [B, 2 F, 2 F];
 and the numbers of rows and columns of blocks."""
 
@@ -132,7 +131,7 @@ def _regressed(pictures: list["_Picture"], field: F64 | None) -> _Blocks | None:
     return _solved(gram, moment, power, pixels, clear)
 
 
-def _field(places: NDArray[np.int64], px: F64, covariance: F64, grid: tuple[int, ...]) -> F64:
+def _field(places: I64, px: F64, covariance: F64, grid: tuple[int, ...]) -> F64:
     """Return smooth displacements of all blocks, [rows, columns, 2 F]; each known one counts by its precision."""
     unknowns = np.eye(px.shape[1])
     precision = np.linalg.inv(covariance + FIRST_ORDER_PX**2 * unknowns)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, Bool
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.mosaics import greens_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_numbers, scores_over_blocks
@@ -36,7 +36,7 @@ _DIFFER_LITTLE: Final = 0.35
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
 
 
-def doubts_about(shot: Shot) -> tuple[Finding, ...]:
+def doubts_about(shot: Shot) -> Findings:
     """Report what in a checked shot makes views, path or depth uncertain; nothing if all is normal."""
     return (*_doubts_about_light(shot), *_doubts_about_masks(shot))
 
@@ -46,7 +46,7 @@ def clipped_share(shot: Shot) -> float:
     return 0.0 if shot.saturated is None else float(shot.saturated.mean())
 
 
-def doubt_about_lamps(shot: Shot) -> tuple[Finding, ...]:
+def doubt_about_lamps(shot: Shot) -> Findings:
     """Report a few pixels, hot ones closed, that are brighter than white and hold much of the light."""
     lit = beyond_white(shot)
     share = float(lit.mean())
@@ -161,7 +161,7 @@ def _doubts_about_differences(shot: Shot, bright: Bool) -> list[Finding]:
     return [finding(Code.MASKS_IN_PAIRS, untold=views - told, of=views)] if told < views else []
 
 
-def doubts_about_result(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
+def doubts_about_result(holdout: Holdout, views: F32) -> Findings:
     """Report if recovered views, [N, H, W, C], explain the held-out pixels hardly better than even grey views."""
     left, grey = holdout.residual_rms(views), holdout.grey_rms()
     if left is None or grey is None or left <= _UNEXPLAINED_WORTH_SAYING * grey:

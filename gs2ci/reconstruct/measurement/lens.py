@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from scipy.ndimage import map_coordinates
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import LEAST_STRETCH, pixel_centres, pixels_of, places_of, slopes_of, stretch, undistorted
 from gs2ci.core.records import Shot
@@ -98,7 +98,7 @@ def straightened(views: F32, lens: Lens | None) -> F32:
     return views if lens is None else lens.straightened(views)
 
 
-def _check_canvas(places: F64, size: tuple[int, int]) -> None:
+def _check_canvas(places: F64, size: Size) -> None:
     wide, high = np.ptp(places, axis=(0, 1)) + 1
     shares = high / size[0], wide / size[1]
     if max(shares) > LARGEST_CANVAS or min(shares) < SMALLEST_CANVAS:

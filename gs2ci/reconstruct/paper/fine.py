@@ -21,7 +21,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse.looks import Decode, LookedAt, Looks, Monitoring, Score, nothing
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
@@ -130,7 +130,7 @@ class Fine:
     loss: LossWeights
     prior: ImagePrior | None
     distance: PerceptualDistance
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
 
     def fit(
         self,

@@ -17,10 +17,10 @@ from typing import Final, Literal
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Size
 from gs2ci.core.cameras import camera_centres, pinhole, relative_to
 from gs2ci.core.errors import GeometryError, NumericsError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise, usable_tracks
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
@@ -158,7 +158,7 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Fo
     return Focal(instead.intrinsics, instead.source, (refused, *instead.notes))
 
 
-def _why_refused(focals_px: F64, of_tracks: Focal | None, size: tuple[int, int], settings: GeometrySettings) -> str:
+def _why_refused(focals_px: F64, of_tracks: Focal | None, size: Size, settings: GeometrySettings) -> str:
     """Return why predicted focal lengths, [N], are rejected; nothing if they are accepted."""
     criteria, focal = settings.criteria, float(np.median(focals_px))
     spread = float(np.ptp(focals_px)) / max(focal, 1.0)
@@ -218,9 +218,9 @@ def shortcomings(
     intrinsics: F64,
     camera: Focal,
     step: Step,
-    size: tuple[int, int],
+    size: Size,
     settings: GeometrySettings,
-) -> tuple[Finding, ...]:
+) -> Findings:
     """Return the criteria of the two track-supported steps that poses, [N, 4, 4], do not meet; nothing if they pass.
 
     All tracks start in the middle view, so the graph of views that share points is connected as soon as every view sees
@@ -315,7 +315,7 @@ def _factor(a: float, b: float) -> float:
     return max(a / b, b / a) if a > 0 and b > 0 else float("inf")
 
 
-def _in_a_row(findings: tuple[Finding, ...]) -> str:
+def _in_a_row(findings: Findings) -> str:
     return " ".join(found.sentence for found in findings).rstrip(".")
 
 

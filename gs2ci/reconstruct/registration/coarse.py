@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy import fft
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Size
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.local_scene import Seen, blurred
 from gs2ci.reconstruct.registration.placement import Placement
@@ -122,7 +122,7 @@ class Peak:
         return self.ratio >= SURE_PEAK and self.deviations >= _SURE_DEVIATIONS
 
 
-def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> Peak:
+def find_peak(seen: F64, known: F64, reach: Size, element: float) -> Peak:
     """Find the shift of `known` in `seen`, both high-passed, [H, W].
 
     Args:
@@ -152,7 +152,7 @@ def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> 
     return Peak(float(down), float(right), ratio, peak / norm, deviations)
 
 
-def reach_of(size: tuple[int, int], most_px: int = 64) -> tuple[int, int]:
+def reach_of(size: Size, most_px: int = 64) -> Size:
     """Return the largest shifts to try along rows and columns: half the picture must still overlap."""
     return min(most_px, size[0] // 2), min(most_px, size[1] // 2)
 
@@ -209,7 +209,7 @@ def _starts(length: int, side: int) -> list[int]:
     return [round(start) for start in np.linspace(0, length - side, max(2, count))]
 
 
-def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
+def place_tiles(found: list[Tile], size: Size) -> Placement | None:
     """Find the affine placement on which the sure tiles agree; None if too few do."""
 
     def affine(places: F64) -> F64:
@@ -224,7 +224,7 @@ def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
     return Placement.from_affine(np.eye(2) + np.transpose(rows), shift)
 
 
-def agreed(found: list[Tile], size: tuple[int, int], design: Callable[[F64], F64]) -> F64 | None:
+def agreed(found: list[Tile], size: Size, design: Callable[[F64], F64]) -> F64 | None:
     """Find the displacement on which sure tiles agree; those that deviate from the others are dropped, the worst first.
 
     Nearly twice as many tiles must be left as determine the unknowns.

@@ -6,7 +6,7 @@ parameters of position are the two by a shift, times how far each moves what the
 inverse of their mean square around a pixel, so that edges do not dominate. Standard errors come from scores summed over
 blocks of the picture, since neighbours share their texture.
 
-Here: the search and its errors. Not here: which parameters are accepted (`proposals`, `field`).
+Here: the search and its errors. Not here: which parameters are accepted (`proposals`).
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_sums
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -66,7 +66,7 @@ class Problem:
     unit: float
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> Size:
         """Get height and width in pixels."""
         return self.masks.stated.shape[0], self.masks.stated.shape[1]
 

@@ -5,7 +5,7 @@ of second and third order, and fifth order radially, as a relay lens between mod
 pixel integrates the light that falls on it. If elements are as wide as a pixel, or wider and aligned with the pixel
 grid, a shifted mask seen by pixels is exactly the bilinear interpolation of its values, which is used here.
 
-Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `field`), blur and light (`misfit`).
+Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `proposals`), blur and light (`misfit`).
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.core.run_figures import PlacementSection
 from gs2ci.reconstruct.registration.parameters import FIELD, FIELD_AT_PX, GEOMETRY
 
@@ -79,12 +79,16 @@ class Placement(PlacementSection):
 
     def derivatives(self, steps: Mapping[str, float], places: F64) -> F64:
         """Return how far steps of parameters move what is seen at positions from the middle, [..., 2]; [P, ..., 2]."""
-        stated = self.stated_at(places)
+        stated, bent = self.stated_at(places), self.field_px(places)
+        straight = stated @ self.matrix.T + self.shift_px
 
-        def seen(one: Placement) -> F64:
-            return np.asarray(stated @ one.matrix.T + one.shift_px + one.field_px(places), np.float64)
+        def seen(name: str, by: float) -> F64:
+            one = self.changed(name, by)
+            if name in FIELD:
+                return straight + one.field_px(places)
+            return stated @ one.matrix.T + one.shift_px + bent
 
-        moved = [(seen(self.changed(name, step)) - seen(self.changed(name, -step))) / 2 for name, step in steps.items()]
+        moved = [(seen(name, step) - seen(name, -step)) / 2 for name, step in steps.items()]
         return np.reshape(moved, (len(steps), *places.shape))
 
     def moved_px(self, places: F64) -> F64:
@@ -96,7 +100,7 @@ class Placement(PlacementSection):
         moved: F64 = there - places
         return moved
 
-    def displacement_px(self, size: tuple[int, int]) -> F64:
+    def displacement_px(self, size: Size) -> F64:
         """Return the displacement of the masks at the picture's middle and four corners, [5, 2], as (down, right)."""
         middle = (np.array(size) - 1) / 2
         return self.moved_px(np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle)

@@ -15,14 +15,12 @@ from pydantic import Field
 from gs2ci.core.arrays import Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import PlacementSection, RegistrationSection
 from gs2ci.reconstruct.choices import RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
-from gs2ci.reconstruct.registration.admission import brief_views, level_of
-from gs2ci.reconstruct.registration.bent import bent_growth
 from gs2ci.reconstruct.registration.coarse import (
     ORIENTATIONS,
     SURE_PEAK,
@@ -34,17 +32,16 @@ from gs2ci.reconstruct.registration.coarse import (
     reach_of,
     readable,
 )
-from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.light import find_unit, open_level, untold_clipping
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import AFFINE, GEOMETRY
 from gs2ci.reconstruct.registration.placement import Placement
-from gs2ci.reconstruct.registration.proposals import propose
+from gs2ci.reconstruct.registration.proposals import bent_growth, bent_px, propose
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import sources
-from gs2ci.reconstruct.registration.ways import chosen, from_source, way_of
+from gs2ci.reconstruct.registration.ways import brief_views, chosen, from_source, level_of, way_of
 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
@@ -106,7 +103,7 @@ class Registered:
     first_mask: int = 0
     tried: dict[str, tuple[float, float]] = field(default_factory=dict)
     averaged: Bool | None = None
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
 
     @property
     def is_changed(self) -> bool:

@@ -31,7 +31,7 @@ from scipy import fft
 from scipy.optimize import least_squares
 from scipy.special import expit
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.reconstruct.registration.levels import Levels
 from gs2ci.reconstruct.registration.local_scene import TINY
 from gs2ci.reconstruct.registration.misfit import gaussian, sigma_of, transfer, variance_of
@@ -268,7 +268,7 @@ class _Softening:
         inside = stated[:, seen]
         return float(np.mean(_unexplained(inside, given[:, seen]) ** 2)) / max(float(inside.var()), TINY)
 
-    def how(self, size: tuple[int, int]) -> str:
+    def how(self, size: Size) -> str:
         """Return the softening of masks of a size in words."""
         far = float(np.linalg.norm(self.placement.displacement_px(size), axis=1).max())
         words = f"up to {far:.2f} px off and interpolated there" if far else ""

@@ -54,7 +54,7 @@ class PathKnown:
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
         followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None without tracks.
         places: Of the cameras of all exposures that share the scene, [K, 3]; None if there are no others.
-        spread: By how much the places of cameras differ in several fits, in the unit of the path; None: there is one.
+        spread: By how much the places of cameras differ in several fits, in the unit of the path.
     """
 
     reference: int
@@ -63,7 +63,7 @@ class PathKnown:
     others: F64 | None = None
     followed: F64 | None = None
     places: F64 | None = None
-    spread: float | None = None
+    spread: float = 0.0
 
 
 def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:

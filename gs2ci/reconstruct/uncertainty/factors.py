@@ -25,8 +25,8 @@ class Factors:
         pattern_of_fits: Of what tells where views err, the share of differences between fits, where there are several;
             the rest is that of the residual about a pixel.
         neighbourhood_px: Residuals, and the masks' light, are averaged over so many pixels (standard deviation).
-        least_light: A pixel of less light than this share of an open mask tells nothing by itself.
-        little_light: What its own reading takes away counts in full from this share on.
+        least_light: A pixel of less light than this share of an open mask tells nothing by itself, and its reading
+            takes away less.
         own_reading: The share of what a reading could take away at most from a view's error along its masks that it
             does take away.
         unknown_view: If no reading is usable, nothing is known: the standard deviation of a brightness anywhere from 0
@@ -67,8 +67,7 @@ class Factors:
     least_of_level: float = 0.1
     pattern_of_fits: float = 0.5
     neighbourhood_px: float = 2.0
-    least_light: float = 0.05
-    little_light: float = 0.2
+    least_light: float = 0.2
     own_reading: float = 0.6
     unknown_view: float = 0.3
     alike_px: float = 1.0

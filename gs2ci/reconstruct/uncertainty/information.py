@@ -17,18 +17,15 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_matrix, csr_matrix
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, I64
 from gs2ci.core.cameras import camera_centres, in_camera, in_world, path_extent
 from gs2ci.reconstruct.fit.optimiser.poses import LEAST_EXTENT
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.slopes import slopes
-
-Numbers = NDArray[np.int64]
 
 # Depths are asked for in so many cells of the reference view at most: the matrix is dense.
 _MOST_CELLS: Final = 250
@@ -104,7 +101,7 @@ def middle_depth(seen: ReadingsSeen) -> float:
     return float(np.median(known)) if known.size else 1.0
 
 
-def _lattice(height: int, width: int, most: int) -> tuple[Numbers, float]:
+def _lattice(height: int, width: int, most: int) -> tuple[I64, float]:
     """Return the pixels whose readings are looked at, as flat indices, and how many each stands for."""
     step = max(1, int(np.ceil(np.sqrt(height * width / most))))
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
@@ -112,7 +109,7 @@ def _lattice(height: int, width: int, most: int) -> tuple[Numbers, float]:
     return chosen, height * width / chosen.size
 
 
-def _in_world(seen: ReadingsSeen, view: int, chosen: Numbers, depth: F32 | None = None) -> F64:
+def _in_world(seen: ReadingsSeen, view: int, chosen: I64, depth: F32 | None = None) -> F64:
     """Return the points that chosen pixels of a view show, [P, 3]; at other depths than its own if they are given."""
     own = (seen.depth[view].reshape(-1)[chosen] if depth is None else depth).astype(np.float64)[:, None]
     return in_world(np.concatenate([seen.rays.reshape(-1, 2)[chosen] * own, own], axis=-1), seen.world_to_camera[view])
@@ -138,7 +135,7 @@ def flows_between(seen: ReadingsSeen) -> F64:
     return found
 
 
-def _cells(seen: ReadingsSeen, reference: int, chosen: Numbers) -> tuple[Numbers, int]:
+def _cells(seen: ReadingsSeen, reference: int, chosen: I64) -> tuple[I64, int]:
     """Return which cell of the reference view, continued beyond its borders, chosen pixels show; how many there are.
 
     The cells are [N, P], -1 where a view shows nothing.
@@ -179,9 +176,7 @@ def _flow(points: F64, focal_px: F64) -> F64:
     return found * focal_px[:, None]
 
 
-def _derivatives(
-    seen: ReadingsSeen, reference: int, cells: Numbers, number: int, chosen: Numbers
-) -> tuple[F64, csr_matrix]:
+def _derivatives(seen: ReadingsSeen, reference: int, cells: I64, number: int, chosen: I64) -> tuple[F64, csr_matrix]:
     """Return derivatives of the chosen readings, in their standard deviations: by poses, [R C, 6 N]; by depths."""
     count, channels = len(seen.depth), seen.noise.shape[2]
     gradients = np.stack([_gradients(view)[chosen] for view in seen.views])
@@ -208,7 +203,7 @@ def _derivatives(
     return by_pose.reshape(numbers.size, 6 * count), by_depth
 
 
-def _moves(seen: ReadingsSeen, reference: int, view: int, chosen: Numbers) -> tuple[F64, F64]:
+def _moves(seen: ReadingsSeen, reference: int, view: int, chosen: I64) -> tuple[F64, F64]:
     """Return how the picture of a view moves at chosen pixels beyond the mean over the views that see the same points.
 
     Returns:

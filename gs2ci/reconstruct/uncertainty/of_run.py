@@ -63,7 +63,7 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F6
     # Paths that nothing gave err together by more than information that adds up says.
     others = None if given is None else others
     extent = path_extent(poses if others is None else np.concatenate([poses, others]))
-    expected, spread = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0), None
+    expected, spread = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0), 0.0
     if errors is not None and extent > 0:
         expected = PathErrors(errors.position * unit / extent, errors.turn)
     elif errors is None and ensemble.others and extent > 0:

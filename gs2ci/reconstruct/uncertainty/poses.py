@@ -40,7 +40,7 @@ def errors_of_poses(
     middle_depth: float,
     turns: tuple[float, float],
     *,
-    spread: float | None = None,
+    spread: float = 0.0,
     given: bool,
     everywhere: F64 | None = None,
 ) -> tuple[F64, F64]:
@@ -52,8 +52,7 @@ def errors_of_poses(
         middle_depth: Of the scene, in the unit of the path.
         turns: In step with the travel, rad: that readings do not see (`unseen_turn`), common to exposures that share a
             scene, so that those at the ends turn by more; and that by which fits or halves of the own tracks differ.
-        spread: Of the places of several fits, in the unit of the path (root mean square), which tells by how much
-            positions err but for what no reading shows; None: there is one fit.
+        spread: Of the places of several fits, in the unit of the path (root mean square).
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
         everywhere: Places of the cameras of all exposures that share the scene, [K, 3], whose similarity it then is;
             None: there are no others.
@@ -76,7 +75,8 @@ def errors_of_poses(
     # It bends all paths as one, so that the middle errs no less than the ends.
     bend = min(turns[0] * rms_of(all_far) / length, np.pi)
     place = factors.out_of_step * middle_depth * max(*turns, bend)
-    times = factors.position if spread is None else spread / max(rms_of(position), _LEAST)
+    # Each misses something: fits begin with the same tracks, and few of them may agree by chance.
+    times = max(factors.position, spread / max(rms_of(position), _LEAST))
     return np.hypot(times * position, place), np.hypot(factors.turn * rotation, in_step)
 
 

@@ -53,7 +53,7 @@ def errors_of_views(holdout: Holdout, views: ViewsMade, alike: F64, noise: F32) 
     full = float(transmissions.max()) ** 2
     pattern = _pattern(views, np.where(usable, power, 0.0), np.where(usable, light, 0.0), full)
     # What the pixel's reading takes away along its masks.
-    divided = np.maximum(light, factors.little_light * full)
+    divided = np.maximum(light, factors.least_light * full)
     for shown, there in zip(pattern, reached, strict=True):
         known = np.clip(there**2 / divided, 0, 1)
         shown[:] = np.sqrt(level * shown * (1 - factors.own_reading * known))

@@ -7,13 +7,13 @@ are those polynomials' own, of which the part along the line of sight is taken o
 Here: the kernels and their torch function. Not here: blending.
 """
 
-import math
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.kernels import b1, f32_1, f64_2, helper, i64, in_parts, kernel
 from gs2ci.render.conventions import SIGHT_MIN
 from gs2ci.render.cpu.function import as_float32
@@ -22,23 +22,40 @@ from gs2ci.render.cpu.project_backward import tasks_for
 from gs2ci.render.cpu.projection import SCRATCH, load_triples
 from gs2ci.render.cpu.shape_gradient import store_triples
 from gs2ci.render.gaussians import HARMONICS, Gaussians
+from gs2ci.render.harmonics import basis, spread_directions
 from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, put, square_root, store, where_ge
 
-_DEGREE_1 = HARMONICS[1]
-_DEGREE_2 = HARMONICS[2]
 _MOST = HARMONICS[3]
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
-_TWO = np.float32(2)
-_THREE = np.float32(3)
-_FOUR = np.float32(4)
-_SIX = np.float32(6)
 _SIGHT_MIN2 = np.float32(SIGHT_MIN**2)
-# The factors of `gs2ci.render.harmonics.basis`.
-_A = np.float32(math.sqrt(3 / (4 * math.pi)))
-_B0, _B1, _B2 = (np.float32(math.sqrt(n / math.pi)) for n in (15 / 4, 5 / 16, 15 / 16))
-_C0, _C1, _C2, _C3, _C4 = (np.float32(math.sqrt(n / math.pi)) for n in (35 / 32, 105 / 4, 21 / 32, 7 / 16, 105 / 16))
+
+
+def _slopes_of_basis() -> tuple[Any, F64]:
+    """Write the slopes of each harmonic, as a polynomial, as sums of those one degree lower.
+
+    Solved for at as many directions as there are unknowns and more, from slopes that are exact for cubic polynomials.
+    The harmonic is itself the sum of its slopes times x, y, z over its degree (Euler's theorem).
+
+    Returns:
+        Which harmonic (1 to 15), which lower one (0 is constant: 1) and which axis, in the order of the first; and the
+        factors, with and without division by the degree, [entries, 2].
+    """
+    at, step = spread_directions(64), torch.eye(3, dtype=torch.float64)[:, None]
+    near, far = (basis(at + each) - basis(at - each) for each in (step, 2 * step))
+    known = torch.cat([torch.ones_like(at[:, :1]), basis(at)], dim=1).expand(3, -1, -1)
+    found = torch.linalg.lstsq(known, (8 * near - far) / 12).solution.numpy().transpose(2, 1, 0)
+    places = np.argwhere(np.abs(found) > 1e-9)
+    factors = found[tuple(places.T)]
+    places[:, 0] += 1
+    return places, np.stack([factors, factors / np.searchsorted(HARMONICS, places[:, 0])], axis=1)
+
+
+_PLACES, _FACTORS = _slopes_of_basis()
+_OF, _LOWER, _AXIS = (np.ascontiguousarray(column * LANES) for column in _PLACES.T)
+_SLOPE, _SHARE = (np.ascontiguousarray(column, np.float32) for column in _FACTORS.T)
+_END = tuple(int((_PLACES[:, 0] <= terms).sum()) for terms in range(_MOST + 1))
 
 
 @helper()
@@ -62,26 +79,18 @@ def _sight(mean, centres, view):
 
 
 @helper()
-def _store_basis(x, y, z, terms, shape):
-    """Write the harmonics in a direction, [K * 16]."""
-    store(shape, 0, -_A * y)
-    store(shape, LANES, _A * z)
-    store(shape, 2 * LANES, -_A * x)
-    if terms > _DEGREE_1:
-        xx, yy, zz = x * x, y * y, z * z
-        store(shape, 3 * LANES, _B0 * x * y)
-        store(shape, 4 * LANES, -_B0 * y * z)
-        store(shape, 5 * LANES, _B1 * (_TWO * zz - xx - yy))
-        store(shape, 6 * LANES, -_B0 * x * z)
-        store(shape, 7 * LANES, _B2 * (xx - yy))
-        if terms > _DEGREE_2:
-            store(shape, 8 * LANES, -_C0 * y * (_THREE * xx - yy))
-            store(shape, 9 * LANES, _C1 * x * y * z)
-            store(shape, 10 * LANES, -_C2 * y * (_FOUR * zz - xx - yy))
-            store(shape, 11 * LANES, _C3 * z * (_TWO * zz - _THREE * xx - _THREE * yy))
-            store(shape, 12 * LANES, -_C2 * x * (_FOUR * zz - xx - yy))
-            store(shape, 13 * LANES, _C4 * z * (xx - yy))
-            store(shape, 14 * LANES, -_C0 * x * (xx - _THREE * yy))
+def _store_basis(x, y, z, terms, sight, shape):
+    """Write a direction, [3 * 16], and the constant 1 and the harmonics in it, [(1 + K) * 16]."""
+    store(sight, 0, x)
+    store(sight, LANES, y)
+    store(sight, 2 * LANES, z)
+    store(shape, 0, broadcast(_ONE))
+    for k in range(1, terms + 1):
+        store(shape, k * LANES, broadcast(_ZERO))
+    for entry in range(_END[terms]):
+        of = get(_OF, entry)
+        part = get(_SHARE, entry) * load(sight, get(_AXIS, entry)) * load(shape, get(_LOWER, entry))
+        store(shape, of, load(shape, of) + part)
 
 
 @helper()
@@ -89,7 +98,7 @@ def _unclamped(colour, coefficients, terms, shape):
     """Return the colours before those below zero are cut."""
     red, green, blue = colour
     for k in range(terms):
-        value = load(shape, k * LANES)
+        value = load(shape, (k + 1) * LANES)
         red = red + value * load(coefficients, 3 * k * LANES)
         green = green + value * load(coefficients, (3 * k + 1) * LANES)
         blue = blue + value * load(coefficients, (3 * k + 2) * LANES)
@@ -101,12 +110,12 @@ def _differentiate_sums(coefficients, terms, shape, given, d_coefficients, weigh
     """Add to the coefficients' gradients, and write each harmonic's own, [K * 16], for gradients of the colours."""
     red, green, blue = given
     for k in range(terms):
-        value, at = load(shape, k * LANES), 3 * k * LANES
+        value, at = load(shape, (k + 1) * LANES), 3 * k * LANES
         store(d_coefficients, at, load(d_coefficients, at) + value * red)
         store(d_coefficients, at + LANES, load(d_coefficients, at + LANES) + value * green)
         store(d_coefficients, at + 2 * LANES, load(d_coefficients, at + 2 * LANES) + value * blue)
         by_green, by_blue = load(coefficients, at + LANES), load(coefficients, at + 2 * LANES)
-        store(weights, k * LANES, load(coefficients, at) * red + by_green * green + by_blue * blue)
+        store(weights, (k + 1) * LANES, load(coefficients, at) * red + by_green * green + by_blue * blue)
 
 
 @helper()
@@ -119,30 +128,14 @@ def _take_from(parts, task, first, triple, present, scratch):
 
 
 @helper()
-def _slopes(x, y, z, terms, w):
-    """Return sum_k w_k dY_k / d(x, y, z) for weights `w`, [K * 16]."""
-    dx = -_A * load(w, 2 * LANES)
-    dy = -_A * load(w, 0)
-    dz = _A * load(w, LANES)
-    if terms > _DEGREE_1:
-        w3, w4, w5 = load(w, 3 * LANES), load(w, 4 * LANES), load(w, 5 * LANES)
-        w6, w7 = load(w, 6 * LANES), load(w, 7 * LANES)
-        dx = dx + _B0 * (y * w3 - z * w6) - _TWO * _B1 * x * w5 + _TWO * _B2 * x * w7
-        dy = dy + _B0 * (x * w3 - z * w4) - _TWO * _B1 * y * w5 - _TWO * _B2 * y * w7
-        dz = dz - _B0 * (y * w4 + x * w6) + _FOUR * _B1 * z * w5
-    if terms > _DEGREE_2:
-        xx, yy, zz = x * x, y * y, z * z
-        w8, w9, w10, w11 = load(w, 8 * LANES), load(w, 9 * LANES), load(w, 10 * LANES), load(w, 11 * LANES)
-        w12, w13, w14 = load(w, 12 * LANES), load(w, 13 * LANES), load(w, 14 * LANES)
-        across = _THREE * (xx - yy)
-        dx = dx - _SIX * _C0 * x * y * w8 + _C1 * y * z * w9 + _TWO * _C2 * x * y * w10 - _SIX * _C3 * x * z * w11
-        dx = dx - _C2 * (_FOUR * zz - _THREE * xx - yy) * w12 + _TWO * _C4 * x * z * w13 - _C0 * across * w14
-        dy = dy - _C0 * across * w8 + _C1 * x * z * w9 - _C2 * (_FOUR * zz - xx - _THREE * yy) * w10
-        dy = dy - _SIX * _C3 * y * z * w11 + _TWO * _C2 * x * y * w12 - _TWO * _C4 * y * z * w13
-        dy = dy + _SIX * _C0 * x * y * w14
-        dz = dz + _C1 * x * y * w9 - _TWO * _FOUR * _C2 * z * (y * w10 + x * w12)
-        dz = dz + _C3 * (_SIX * zz - _THREE * xx - _THREE * yy) * w11 + _C4 * (xx - yy) * w13
-    return dx, dy, dz
+def _slopes(terms, shape, weights, slopes):
+    """Return sum_k w_k dY_k / d(x, y, z) for weights as `shape` lies, by way of `slopes`, [3 * 16]."""
+    for axis in range(3):
+        store(slopes, axis * LANES, broadcast(_ZERO))
+    for entry in range(_END[terms]):
+        part = get(_SLOPE, entry) * load(weights, get(_OF, entry)) * load(shape, get(_LOWER, entry))
+        store(slopes, get(_AXIS, entry), load(slopes, get(_AXIS, entry)) + part)
+    return load(slopes, 0), load(slopes, LANES), load(slopes, 2 * LANES)
 
 
 @kernel(i64, i64, f32_1, b1, f32_1, f32_1, i64, f32_1, f32_1)
@@ -164,7 +157,7 @@ def see_colours(from_task, to_task, means, means_differ, colours, harmonics, ter
     blocks = (count + LANES - 1) // LANES
     for task in range(from_task, to_task):
         scratch = np.empty(SCRATCH, np.float32)
-        shape = np.empty(_MOST * LANES, np.float32)
+        sight, shape = np.empty(3 * LANES, np.float32), np.empty((1 + _MOST) * LANES, np.float32)
         coefficients = np.empty(3 * _MOST * LANES, np.float32)
         zero = broadcast(_ZERO)
         for block in range(task * BLOCKS_PER_TASK, min(blocks, (task + 1) * BLOCKS_PER_TASK)):
@@ -177,7 +170,7 @@ def see_colours(from_task, to_task, means, means_differ, colours, harmonics, ter
                 if means_differ:
                     mean = load_triples(means, view * count + first, present, scratch)
                 x, y, z, _ = _sight(mean, centres, view)
-                _store_basis(x, y, z, terms, shape)
+                _store_basis(x, y, z, terms, sight, shape)
                 red, green, blue = _unclamped(colour, coefficients, terms, shape)
                 found = (maximum(red, zero), maximum(green, zero), maximum(blue, zero))
                 store_triples(seen, view * count + first, present, found, scratch)
@@ -220,7 +213,8 @@ def differentiate_colours(
     blocks = (count + LANES - 1) // LANES
     for task in range(from_task, to_task):
         scratch = np.empty(SCRATCH, np.float32)
-        shape, weights = np.empty(_MOST * LANES, np.float32), np.empty(_MOST * LANES, np.float32)
+        sight, shape = np.empty(3 * LANES, np.float32), np.empty((1 + _MOST) * LANES, np.float32)
+        weights = np.empty_like(shape)
         coefficients = np.empty(3 * _MOST * LANES, np.float32)
         d_coefficients = np.empty(3 * _MOST * LANES, np.float32)
         for entry in range(3 * views):
@@ -239,7 +233,7 @@ def differentiate_colours(
                 if means_differ:
                     mean = load_triples(means, view * count + first, present, scratch)
                 x, y, z, inverse = _sight(mean, centres, view)
-                _store_basis(x, y, z, terms, shape)
+                _store_basis(x, y, z, terms, sight, shape)
                 value = _unclamped(colour, coefficients, terms, shape)
                 given = load_triples(d_seen, view * count + first, present, scratch)
                 red = where_ge(value[0], zero, given[0], zero)
@@ -247,7 +241,7 @@ def differentiate_colours(
                 blue = where_ge(value[2], zero, given[2], zero)
                 d_colour = (d_colour[0] + red, d_colour[1] + green, d_colour[2] + blue)
                 _differentiate_sums(coefficients, terms, shape, (red, green, blue), d_coefficients, weights)
-                dx, dy, dz = _slopes(x, y, z, terms, weights)
+                dx, dy, dz = _slopes(terms, shape, weights, sight)
                 along = dx * x + dy * y + dz * z
                 part = (inverse * (dx - along * x), inverse * (dy - along * y), inverse * (dz - along * z))
                 if means_differ:

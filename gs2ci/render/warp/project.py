@@ -7,17 +7,13 @@ from gs2ci.render.recording import TILED, Floats, Fours, Ints, Vectors
 from gs2ci.render.warp.types import (
     DILATION,
     INERT,
-    LOG_SCALE_MAX,
     Pose,
-    PosePart,
     Record,
     Row,
     TiledCamera,
+    factor_of,
     footprint,
     is_drawn,
-    rotation,
-    row_of,
-    scales_of,
     see,
     touches,
 )
@@ -47,8 +43,7 @@ def project(
     view, g = wp.tid()
     count = logits.shape[0]
     at = view * count + g
-    matrix, _inverse = rotation(quaternions[g])
-    factor = matrix * wp.diag(scales_of(log_scales[g]))
+    factor = factor_of(quaternions[g], log_scales[g])
     s = see(poses[view], camera, means[view * mean_stride + g], factor)
     inverse_opacity = 1.0 + wp.exp(-logits[g])
     log_opacity = -wp.log(inverse_opacity)
@@ -87,6 +82,28 @@ def project(
     counts[at] = n
 
 
+@wp.func
+def _seen(
+    pose: Pose,
+    camera: TiledCamera,
+    mean: vec3,
+    factor: wp.mat33,
+    d_a: vec3,
+    d_b: vec3,
+    d_x: float32,
+    d_y: float32,
+):
+    """Return the sum of a Gaussian's shape and place in a view times gradients by them: its slopes are those asked."""
+    s = see(pose, camera, mean, factor)
+    return wp.dot(s.a, d_a) + wp.dot(s.b, d_b) + camera.fx * s.u * d_x + camera.fy * s.v * d_y
+
+
+@wp.func
+def _shaped(quaternion: vec4, log_scales: vec3, d_factor: wp.mat33):
+    """Return the sum of a Gaussian's shape times the gradient by it."""
+    return wp.ddot(factor_of(quaternion, log_scales), d_factor)
+
+
 @wp.kernel
 def project_backward(
     means: Vectors,
@@ -110,10 +127,7 @@ def project_backward(
     """Carry a Gaussian's sums, view after view, to its parameters and to each pose."""
     g = wp.tid()
     count = logits.shape[0]
-    q = quaternions[g]
-    r, inverse_norm = rotation(q)
-    scale = scales_of(log_scales[g])
-    factor = r * wp.diag(scale)
+    factor = factor_of(quaternions[g], log_scales[g])
     inverse_opacity = 1.0 + wp.exp(-logits[g])
     log_opacity = -wp.log(inverse_opacity)
     transparency = 1.0 / (1.0 + wp.exp(logits[g]))
@@ -128,8 +142,8 @@ def project_backward(
         for row in range(starts[at], starts[at + 1]):
             total += sums[row]
         own_colour = vec3(total[6], total[7], total[8])
-        part = PosePart()
-        point = vec3()
+        by_pose = Pose()
+        by_mean = vec3()
         pose = poses[view]
         mean = means[view * mean_stride + g]
         s = see(pose, camera, mean, factor)
@@ -141,41 +155,20 @@ def project_backward(
             h = s.inverse_x_given_y * s.inverse_y * total[4]
             d_a = e * (s.inverse_x_given_y * s.inverse_x_given_y * total[3]) + s.b * h
             d_b = d_a * s.shear + e * h + s.b * (s.inverse_y * s.inverse_y * total[5])
-            w0 = row_of(pose, 0)
-            w1 = row_of(pose, 1)
-            w2 = row_of(pose, 2)
-            jxz = -(s.jx * s.u_clamped)
-            jyz = -(s.jy * s.v_clamped)
-            d_factor += wp.outer(w0 * s.jx + w2 * jxz, d_a) + wp.outer(w1 * s.jy + w2 * jyz, d_b)
-            g_a = factor * d_a
-            g_b = factor * d_b
-            d_jxz = wp.dot(g_a, w2)
-            d_jyz = wp.dot(g_b, w2)
-            d_u = camera.fx * dx
-            d_v = camera.fy * dy
-            if s.u > camera.u_low and s.u < camera.u_high:
-                d_u -= s.jx * d_jxz
-            if s.v > camera.v_low and s.v < camera.v_high:
-                d_v -= s.jy * d_jyz
-            of_jx = camera.fx * (wp.dot(g_a, w0) - s.u_clamped * d_jxz)
-            of_jy = camera.fy * (wp.dot(g_b, w1) - s.v_clamped * d_jyz)
-            d_inverse_z = of_jx + of_jy + d_u * s.p[0] + d_v * s.p[1]
-            point = vec3(d_u * s.inverse_z, d_v * s.inverse_z, -(d_inverse_z * s.inverse_z * s.inverse_z))
-            r0 = mean * point[0] + g_a * s.jx
-            r1 = mean * point[1] + g_b * s.jy
-            r2 = mean * point[2] + g_a * jxz + g_b * jyz
-            part = PosePart(r0[0], r0[1], r0[2], point[0], r1[0], r1[1], r1[2], point[1], r2[0], r2[1], r2[2], point[2])
+            by_pose, _camera, by_mean, by_factor, _a, _b, _x, _y = wp.grad(_seen)(
+                pose, camera, mean, factor, d_a, d_b, dx, dy
+            )
+            d_factor += by_factor
             sx = dx * 0.5 * camera.width
             sy = dy * 0.5 * camera.height
             half = 0.5 * (s.cxx - s.cyy)
             radius = 3.0 * wp.sqrt(0.5 * (s.cxx + s.cyy) + wp.sqrt(half * half + s.cxy * s.cxy))
             seen = vec3(seen[0] + wp.sqrt(sx * sx + sy * sy), seen[1] + 1.0, wp.max(seen[2], radius))
-            point = w0 * point[0] + w1 * point[1] + w2 * point[2]
         for k in range(12):
-            pose_parts[at * 12 + k] = part[k]
+            pose_parts[at * 12 + k] = by_pose[k // 4, k % 4]
         if mean_stride > 0:
-            d_means[at] = point
-        d_mean += point
+            d_means[at] = by_mean
+        d_mean += by_mean
         if colour_stride > 0:
             d_colours[at] = own_colour
         d_colour += own_colour
@@ -185,31 +178,9 @@ def project_backward(
         d_colours[g] = d_colour
     d_logits[g] = d_logit
     sightings[g] = seen
-    d_r = d_factor * wp.diag(scale)
-    d_scale = vec3()
-    for k in range(3):
-        along = d_factor[0, k] * r[0, k] + d_factor[1, k] * r[1, k] + d_factor[2, k] * r[2, k]
-        if log_scales[g][k] <= LOG_SCALE_MAX:
-            d_scale[k] = along * scale[k]
-    d_log_scales[g] = d_scale
-    w = q[0] * inverse_norm
-    x = q[1] * inverse_norm
-    y = q[2] * inverse_norm
-    z = q[3] * inverse_norm
-    s01 = d_r[0, 1] + d_r[1, 0]
-    s02 = d_r[0, 2] + d_r[2, 0]
-    s12 = d_r[1, 2] + d_r[2, 1]
-    a01 = d_r[1, 0] - d_r[0, 1]
-    a02 = d_r[0, 2] - d_r[2, 0]
-    a12 = d_r[2, 1] - d_r[1, 2]
-    dq = 2.0 * vec4(
-        x * a12 + y * a02 + z * a01,
-        w * a12 + y * s01 + z * s02 - 2.0 * x * (d_r[1, 1] + d_r[2, 2]),
-        w * a02 + x * s01 + z * s12 - 2.0 * y * (d_r[0, 0] + d_r[2, 2]),
-        w * a01 + x * s02 + y * s12 - 2.0 * z * (d_r[0, 0] + d_r[1, 1]),
-    )
-    unit = vec4(w, x, y, z)
-    d_quaternions[g] = (dq - unit * wp.dot(unit, dq)) * inverse_norm
+    by_quaternion, by_log_scale, _factor = wp.grad(_shaped)(quaternions[g], log_scales[g], d_factor)
+    d_quaternions[g] = by_quaternion
+    d_log_scales[g] = by_log_scale
 
 
 @wp.kernel(module="unique", module_options=TILED)

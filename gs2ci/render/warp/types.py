@@ -24,7 +24,6 @@ Row = wp.types.vector(length=9, dtype=wp.float32)
 Held = wp.types.vector(length=HELD, dtype=wp.float32)
 Monomials = wp.types.vector(length=6, dtype=wp.float32)
 Pose = wp.types.matrix(shape=(4, 4), dtype=wp.float32)
-PosePart = wp.types.vector(length=12, dtype=wp.float32)
 
 LN_ALPHA_MIN = wp.constant(wp.float32(math.log(conventions.ALPHA_MIN)))
 ALPHA_MIN = wp.constant(wp.float32(conventions.ALPHA_MIN))
@@ -86,8 +85,8 @@ class Splat:
 
 
 @wp.func
-def rotation(q: wp.vec4):
-    """Return the matrix of a quaternion (w, x, y, z) of any norm, and 1 / norm (0: no rotation)."""
+def factor_of(q: wp.vec4, log_scales: wp.vec3):
+    """Return a Gaussian's rotation, of a quaternion (w, x, y, z) of any norm (0: none), times its scales, cut."""
     n2 = wp.dot(q, q)
     inverse = wp.float32(0.0)
     if n2 >= NORM2_MIN:
@@ -107,30 +106,20 @@ def rotation(q: wp.vec4):
         2.0 * (y * z + w * x),
         1.0 - 2.0 * (x * x + y * y),
     )
-    return matrix, inverse
-
-
-@wp.func
-def scales_of(s: wp.vec3):
-    """Return scales from their logarithms, which are cut."""
-    return wp.vec3(
-        wp.exp(wp.min(s[0], LOG_SCALE_MAX)), wp.exp(wp.min(s[1], LOG_SCALE_MAX)), wp.exp(wp.min(s[2], LOG_SCALE_MAX))
-    )
-
-
-@wp.func
-def row_of(pose: Pose, k: int):
-    """Return a row of a pose's rotation."""
-    return wp.vec3(pose[k, 0], pose[k, 1], pose[k, 2])
+    x_scale = wp.exp(wp.min(log_scales[0], LOG_SCALE_MAX))
+    y_scale = wp.exp(wp.min(log_scales[1], LOG_SCALE_MAX))
+    z_scale = wp.exp(wp.min(log_scales[2], LOG_SCALE_MAX))
+    return matrix * wp.diag(wp.vec3(x_scale, y_scale, z_scale))
 
 
 @wp.func
 def see(pose: Pose, camera: TiledCamera, mean: wp.vec3, factor: wp.mat33):
     """Project a Gaussian; `factor` is its rotation times its scales."""
     s = Splat()
-    w0 = row_of(pose, 0)
-    w1 = row_of(pose, 1)
-    w2 = row_of(pose, 2)
+    # Written out: of a function that is called from here, `wp.grad` leaves the gradient out without a word (warp 1.19).
+    w0 = wp.vec3(pose[0, 0], pose[0, 1], pose[0, 2])
+    w1 = wp.vec3(pose[1, 0], pose[1, 1], pose[1, 2])
+    w2 = wp.vec3(pose[2, 0], pose[2, 1], pose[2, 2])
     s.p = wp.vec3(wp.dot(w0, mean) + pose[0, 3], wp.dot(w1, mean) + pose[1, 3], wp.dot(w2, mean) + pose[2, 3])
     s.inverse_z = 1.0 / wp.max(s.p[2], NEAR)
     s.u = s.p[0] * s.inverse_z

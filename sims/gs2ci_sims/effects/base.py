@@ -12,11 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
-import numpy as np
 from numpy.typing import NDArray
 from pydantic.alias_generators import to_snake
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Rng
 from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.errors import InputError
 from gs2ci_sims.rig import RigFigures
@@ -259,6 +258,8 @@ class EffectRecord(BoundedRecord):
     """
 
     name: ClassVar[str]
+    stage: ClassVar[LightStage]
+    cost_ns: ClassVar[float]
     fixed_pattern: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
@@ -287,7 +288,7 @@ class Effect(Protocol):
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Return an upper bound on the change if the effect is left out. Cheap: nothing is rendered."""
 
-    def apply(self, signal: Any, rig: RigFigures, rng: np.random.Generator) -> Any:
+    def apply(self, signal: Any, rig: RigFigures, rng: Rng) -> Any:
         """Return the signal with the effect; never changes its argument. `rng` belongs to this effect alone."""
 
 

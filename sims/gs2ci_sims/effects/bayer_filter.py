@@ -1,11 +1,10 @@
 """Bayer filter: every pixel sees one of three colours."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.records import CfaPattern
 from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.rig import RigFigures
@@ -22,8 +21,8 @@ class BayerFilter(EffectRecord):
         pattern: Colours of the upper left two by two pixels, row by row.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 5.0
+    stage = LightStage.CHARGE
+    cost_ns = 5.0
 
     pattern: CfaPattern = "RGGB"
 
@@ -31,7 +30,7 @@ class BayerFilter(EffectRecord):
         """Infinite: it decides what is recorded, one colour per pixel or three."""
         return UNAVOIDABLE.by("inf", BoundStep("c", 1.0, "", "colours that a pixel records, of three"))
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Select from electrons [H, W, 3]."""
         tile = np.array(["RGB".index(colour) for colour in self.pattern]).reshape(2, 2)
         rows, columns = np.indices(signal.shape[:2])

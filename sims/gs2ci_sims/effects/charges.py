@@ -7,12 +7,12 @@
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, of_charge
@@ -37,8 +37,8 @@ class DarkCurrent(EffectRecord):
         doubling_k: T_d, the warming that doubles the current, more than 0 (silicon: 6 to 10 K).
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 2.0
+    stage = LightStage.CHARGE
+    cost_ns = 2.0
 
     current_e_per_s: NotNegative
     temperature_c: Annotated[float, Field(ge=-100, le=100)] = REFERENCE_C
@@ -72,7 +72,7 @@ class DarkCurrent(EffectRecord):
         """Return the collected charge, the same in every pixel."""
         return (self.collected_e(rig.exposure_s),) * 2
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to mean electrons [H, W, C]."""
         return signal + self.collected_e(rig.exposure_s)
 
@@ -94,8 +94,8 @@ class Persistence(EffectRecord):
             [H, W, C]; finite, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 3.0
+    stage = LightStage.CHARGE
+    cost_ns = 3.0
 
     share: Annotated[float, Field(ge=0, le=1)]
     decay_s: Positive
@@ -145,7 +145,7 @@ class Persistence(EffectRecord):
         released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
         return float(released_e.mean()), float(released_e.max())
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to mean electrons [H, W, C].
 
         Raises:
@@ -171,8 +171,8 @@ class FullWell(EffectRecord):
         capacity_e: Electrons, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 2.0
+    stage = LightStage.CHARGE
+    cost_ns = 2.0
 
     capacity_e: Annotated[float, Field(gt=0)]
 
@@ -190,7 +190,7 @@ class FullWell(EffectRecord):
             BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Clip electrons [H, W, C]."""
         return np.minimum(signal, self.capacity_e)
 
@@ -207,8 +207,8 @@ class Blooming(EffectRecord):
         share: Share of the excess charge that spills, 0 to 1.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 40.0
+    stage = LightStage.CHARGE
+    cost_ns = 40.0
 
     share: Annotated[float, Field(ge=0, le=1)]
 
@@ -234,7 +234,7 @@ class Blooming(EffectRecord):
             BoundStep("x", spilled_e, "e", "of it spilled, per pixel", "s * e"),
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Spill electrons [H, W, C] along axis 0."""
         well_e = rig.sensor.full_well_e
         spilled = self.share * np.maximum(signal - well_e, 0.0)

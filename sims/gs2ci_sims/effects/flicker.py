@@ -7,12 +7,12 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
 from gs2ci_sims.rig import RigFigures
@@ -28,8 +28,8 @@ PIECES_MAX: Final = 96
 class Oscillation(EffectRecord):
     """Light that oscillates about its mean by the share `depth`, 0 to 1."""
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.2
+    stage = LightStage.TIME
+    cost_ns = 0.2
 
     depth: Annotated[float, Field(ge=0, le=1)]
 
@@ -38,7 +38,7 @@ class Oscillation(EffectRecord):
         """Return how the frequency of the light follows from the parameters, the frequency itself as the last step."""
 
     @abstractmethod
-    def phase(self, rig: RigFigures, rng: np.random.Generator) -> float:
+    def phase(self, rig: RigFigures, rng: Rng) -> float:
         """Return the phase in the middle of the exposure, radians."""
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
@@ -57,7 +57,7 @@ class Oscillation(EffectRecord):
         """The oscillation's depth."""
         return self.depth
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Modulate the light of the slices."""
         return swinging(signal, self.depth, self.frequency()[-1].value, self.phase(rig, rng))
 
@@ -113,7 +113,7 @@ class IlluminationFlicker(Oscillation):
         mains = BoundStep("mains", self.mains_hz, "Hz", "frequency of the mains")
         return mains, BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
 
-    def phase(self, rig: RigFigures, rng: np.random.Generator) -> float:
+    def phase(self, rig: RigFigures, rng: Rng) -> float:
         """Draw the phase."""
         return float(rng.uniform(0, 2 * np.pi))
 
@@ -136,7 +136,7 @@ class LcosFlicker(Oscillation):
         """Return the drive's frequency."""
         return (BoundStep("f", self.drive_hz, "Hz", "frequency of the drive"),)
 
-    def phase(self, rig: RigFigures, rng: np.random.Generator) -> float:
+    def phase(self, rig: RigFigures, rng: Rng) -> float:
         """Return the phase, which is 0 when the first mask is switched on."""
         begin = -0.5 * rig.exposure_s
         return -2 * np.pi * self.drive_hz * begin
@@ -150,8 +150,8 @@ class IlluminationDrift(EffectRecord):
         rate_per_s: Relative change per second.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     rate_per_s: FiniteFloat
 
@@ -176,7 +176,7 @@ class IlluminationDrift(EffectRecord):
         """The drift at either end of the exposure."""
         return float(np.abs(self._factor(scene.intervals_s) - 1).max())
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Scale each slice by the drift at its middle, cut in four to follow it."""
         pieces = signal.split(4)
         return pieces.scaled(self._factor(0.5 * (pieces.start_s + pieces.stop_s)))

@@ -6,14 +6,14 @@
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat
 from scipy.ndimage import affine_transform, gaussian_filter
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.effects.kernels import blurred, gaussian_tail
@@ -34,9 +34,9 @@ class FiniteContrast(EffectRecord):
         patch_px: Scale over which the leakage varies, pixels, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MASKS
-    cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.MASKS
+    cost_ns = 10.0
+    fixed_pattern = True
 
     contrast: Annotated[float, Field(gt=1)] = 25.0
     spread: Annotated[float, Field(ge=0, le=2)] = 0.62
@@ -50,14 +50,14 @@ class FiniteContrast(EffectRecord):
             BoundStep("spread", self.spread, "", "standard deviation of its logarithm over the field"),
         )
 
-    def leakage(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
+    def leakage(self, size: tuple[int, int], rng: Rng) -> F64:
         """Draw the device's map of off levels, [H, W] in [0, 1]."""
         pattern = gaussian_filter(rng.standard_normal(size), self.patch_px, mode="wrap")
         deviation = float(pattern.std())
         pattern = (pattern - pattern.mean()) / deviation if deviation > 0 else np.zeros(size)
         return np.minimum(np.exp(self.spread * pattern) / self.contrast, 1.0)
 
-    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: Rng) -> F64:
         """Raise the off level of masks [N, H, W]."""
         leak = self.leakage((signal.shape[1], signal.shape[2]), rng)
         return leak + (1 - leak) * signal.astype(np.float64)
@@ -74,8 +74,8 @@ class MaskEdges(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MASKS
-    cost_ns: ClassVar[float] = 20.0
+    stage = LightStage.MASKS
+    cost_ns = 20.0
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.5
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0
@@ -95,7 +95,7 @@ class MaskEdges(EffectRecord):
         light = 4 * tail * scene.full_scale_dn * scene.scene.brightest
         return Bound(light * deviation, light * len(scene.masks))
 
-    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: Rng) -> F64:
         """Blur masks [N, H, W]."""
         return self._blurred(signal, self.reach)
 
@@ -117,8 +117,8 @@ class Misregistration(EffectRecord):
         magnification: Magnification of the masks on the sensor, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MASKS
-    cost_ns: ClassVar[float] = 60.0
+    stage = LightStage.MASKS
+    cost_ns = 60.0
 
     right_px: FiniteFloat = 0.0
     down_px: FiniteFloat = 0.0
@@ -134,7 +134,7 @@ class Misregistration(EffectRecord):
             BoundStep("scale", self.magnification, "", "magnification"),
         )
 
-    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: Rng) -> F64:
         """Move masks [N, H, W]."""
         return self._moved(signal)
 

@@ -1,10 +1,10 @@
 """Motion blur: the camera moves while a mask is shown, so the light behind each mask is an integral over time."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
+from gs2ci.core.arrays import Rng
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.moments import Moments, one_per_interval
@@ -24,8 +24,8 @@ class MotionBlur(EffectRecord):
         edges_s: Ends of the panels, increasing; empty: one panel per mask interval.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOMENTS
-    cost_ns: ClassVar[float] = 0.0
+    stage = LightStage.MOMENTS
+    cost_ns = 0.0
 
     nodes: int = 3
     edges_s: tuple[float, ...] = ()
@@ -57,7 +57,7 @@ class MotionBlur(EffectRecord):
             ),
         )
 
-    def apply(self, signal: Moments, rig: RigFigures, rng: np.random.Generator) -> Moments:
+    def apply(self, signal: Moments, rig: RigFigures, rng: Rng) -> Moments:
         """Replace the one moment per interval."""
         return Moments(np.array(self.edges_s) if self.edges_s else signal.edges_s, self.nodes)
 

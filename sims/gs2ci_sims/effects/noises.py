@@ -10,13 +10,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
 from scipy.special import ndtri, pdtr
 
-from gs2ci.core.arrays import F64, rms_of
+from gs2ci.core.arrays import F64, Rng, rms_of
 from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import (
     Bound,
@@ -37,7 +37,7 @@ from gs2ci_sims.rig import RigFigures
 class ChargeNoise(EffectRecord):
     """Normal numbers that an effect adds to the electrons, drawn in its own way."""
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
+    stage = LightStage.CHARGE
 
     sigma_e: NotNegative
 
@@ -60,9 +60,9 @@ class ReadNoise(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    cost_ns: ClassVar[float] = 20.0
+    cost_ns = 20.0
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)
 
@@ -78,9 +78,9 @@ class RowNoise(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    cost_ns: ClassVar[float] = 2.0
+    cost_ns = 2.0
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to electrons [H, W, C], the same over W and C."""
         return signal + self.sigma_e * rng.standard_normal((len(signal), 1, 1))
 
@@ -97,10 +97,10 @@ class Dsnu(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = True
+    cost_ns = 20.0
+    fixed_pattern = True
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add the pattern to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)
 
@@ -117,9 +117,9 @@ class Prnu(EffectRecord):
         spread: Relative standard deviation, 0 to 0.5 (0.01 is usual); no factor falls below 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.CHARGE
+    cost_ns = 20.0
+    fixed_pattern = True
 
     spread: Annotated[float, Field(ge=0, le=0.5)]
 
@@ -155,7 +155,7 @@ class Prnu(EffectRecord):
         """Six standard deviations above the mean."""
         return 1 + 6 * self.spread
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Scale mean electrons [H, W, C]."""
         return signal * np.maximum(1 + self.spread * rng.standard_normal(signal.shape), 0.0)
 
@@ -177,8 +177,8 @@ class ShotNoise(EffectRecord):
     rejection samplers would draw again: this makes a plan comparable with the full simulation of the same seed.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 400.0
+    stage = LightStage.CHARGE
+    cost_ns = 400.0
 
     def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Standard deviation sqrt(mean), times the gain K (EMVA 1288, eq. 10); one exposure in 1e7 exceeds it.
@@ -213,7 +213,7 @@ class ShotNoise(EffectRecord):
             random=True,
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Draw counted electrons for mean electrons [H, W, C]."""
         uniform = np.clip(rng.random(signal.shape), 1e-16, 1 - 2**-53)
         return poisson_quantile(uniform, signal)
@@ -264,9 +264,9 @@ class HotPixels(EffectRecord):
         mean_e_per_s: Their mean excess, electrons per second, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.CHARGE
+    cost_ns = 20.0
+    fixed_pattern = True
 
     share: Annotated[float, Field(ge=0, le=1)]
     mean_e_per_s: NotNegative
@@ -338,7 +338,7 @@ class HotPixels(EffectRecord):
         limits = (SIGMAS**2 / 2 + self.share * pixels * expected) / powers[:, 0]
         return float(limits.min())
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add to mean electrons [H, W, C]."""
         hot = rng.random(signal.shape) < self.share
         return signal + hot * rng.exponential(self.mean_e_per_s * rig.exposure_s, signal.shape)

@@ -1,12 +1,12 @@
 """Object motion: a part of the scene moves by itself during the exposure."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 import torch
 from pydantic import FiniteFloat
 
+from gs2ci.core.arrays import Rng
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
@@ -25,8 +25,8 @@ class ObjectMotion(EffectRecord):
         velocity: Velocity in scene units per second, along the scene's axes, [3].
     """
 
-    stage: ClassVar[LightStage] = LightStage.SCENE
-    cost_ns: ClassVar[float] = 5.0
+    stage = LightStage.SCENE
+    cost_ns = 5.0
 
     centre: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
     radius: Positive
@@ -62,7 +62,7 @@ class ObjectMotion(EffectRecord):
         near = scene.scene.depth_range()[0]
         return float(scene.scene.intrinsics[:2, :2].max() * np.linalg.norm(self.velocity) / near)
 
-    def apply(self, signal: MovingScene, rig: RigFigures, rng: np.random.Generator) -> MovingScene:
+    def apply(self, signal: MovingScene, rig: RigFigures, rng: Rng) -> MovingScene:
         """Return the scene with the object in motion.
 
         Raises:

@@ -6,13 +6,13 @@
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
 from gs2ci_sims.effects.kernels import blurred, disc, gaussian_loss, gaussian_tail
 from gs2ci_sims.rig import RigFigures
@@ -35,8 +35,8 @@ class ModulatorPsf(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[LightStage] = LightStage.PHOTONS
-    cost_ns: ClassVar[float] = 60.0
+    stage = LightStage.PHOTONS
+    cost_ns = 60.0
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     diffraction: bool = True
@@ -70,7 +70,7 @@ class ModulatorPsf(EffectRecord):
         dn = 4 * tail * rig.dn_per_e
         return Bound(dn * scene.light_rms_e, dn * float(scene.most_e.max()))
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Blur the photons [H, W, C]."""
         return blurred(signal, self.total_sigma_px(rig), self.reach)
 
@@ -92,8 +92,8 @@ class GhostReflection(EffectRecord):
         blur_px: Diameter of the disc that a point of the ghost is spread over, sensor pixels, 0 to 256.
     """
 
-    stage: ClassVar[LightStage] = LightStage.PHOTONS
-    cost_ns: ClassVar[float] = 100.0
+    stage = LightStage.PHOTONS
+    cost_ns = 100.0
 
     share: Annotated[float, Field(ge=0, le=0.5)]
     blur_px: Annotated[float, Field(ge=0, le=MOST_BLUR_PX)] = 0.0
@@ -112,7 +112,7 @@ class GhostReflection(EffectRecord):
         """The image and its ghost."""
         return 1 + self.share
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Add the ghost to photons [H, W, C]; beyond the border the image is mirrored."""
         turned = np.ascontiguousarray(signal[::-1, ::-1])
         spread = cv2.filter2D(turned, cv2.CV_64F, disc(self.blur_px), borderType=cv2.BORDER_REFLECT)
@@ -138,9 +138,9 @@ class Dust(EffectRecord):
         cone_px: Diameter of the cone where it crosses the glass, in sensor pixels, 0 to 128.
     """
 
-    stage: ClassVar[LightStage] = LightStage.PHOTONS
-    cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = True
+    stage = LightStage.PHOTONS
+    cost_ns = 10.0
+    fixed_pattern = True
 
     particles: Annotated[float, Field(ge=0, le=MOST_PARTICLES)]
     diameter_px: Annotated[float, Field(ge=0, le=MOST_PX)]
@@ -154,7 +154,7 @@ class Dust(EffectRecord):
         covered = cv2.filter2D(np.pad(area * particle, rim), cv2.CV_64F, cone, borderType=cv2.BORDER_CONSTANT)
         return np.minimum(covered, 1.0)
 
-    def transmission(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
+    def transmission(self, size: tuple[int, int], rng: Rng) -> F64:
         """Draw the transmission of the glass of a sensor of this size, [H, W] in [0, 1]."""
         shadow = self.shadow()
         reach = shadow.shape[0] // 2
@@ -174,6 +174,6 @@ class Dust(EffectRecord):
             BoundStep("s", deepest, "", "deepest shadow of one particle"),
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Shade photons [H, W, C]."""
         return signal * self.transmission(signal.shape[:2], rng)[..., None]

@@ -7,12 +7,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64, rms_of
+from gs2ci.core.arrays import F64, Rng, rms_of
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import RigFigures
@@ -30,8 +30,8 @@ class GainNonlinearity(EffectRecord):
         departure: d, positive for a response that lies above the line, of magnitude below 1/4: it stays monotonic.
     """
 
-    stage: ClassVar[LightStage] = LightStage.CHARGE
-    cost_ns: ClassVar[float] = 10.0
+    stage = LightStage.CHARGE
+    cost_ns = 10.0
 
     departure: Annotated[float, Field(gt=-0.25, lt=0.25)]
 
@@ -108,7 +108,7 @@ class GainNonlinearity(EffectRecord):
         """The steepest slope: it is the factor by which a change of the light before the amplifier grows."""
         return 1 + 4 * abs(self.departure)
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Bend electrons [H, W, C]; beyond the ends the response continues without the parabola."""
         x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)
@@ -126,8 +126,8 @@ class BlackLevel(EffectRecord):
         shift_dn: True black level minus the data sheet's, DN.
     """
 
-    stage: ClassVar[LightStage] = LightStage.READOUT
-    cost_ns: ClassVar[float] = 2.0
+    stage = LightStage.READOUT
+    cost_ns = 2.0
 
     shift_dn: FiniteFloat
 
@@ -140,7 +140,7 @@ class BlackLevel(EffectRecord):
         """The shift, if it is one down."""
         return max(-self.shift_dn, 0.0)
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Shift readings [H, W, C]."""
         return signal + self.shift_dn
 
@@ -156,8 +156,8 @@ class Quantisation(EffectRecord):
         bits: Bits of the converter, 1 to 32.
     """
 
-    stage: ClassVar[LightStage] = LightStage.READOUT
-    cost_ns: ClassVar[float] = 5.0
+    stage = LightStage.READOUT
+    cost_ns = 5.0
 
     bits: Annotated[int, Field(ge=1, le=32)]
 
@@ -184,6 +184,6 @@ class Quantisation(EffectRecord):
             gain_step(rig),
         )
 
-    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: Rng) -> F64:
         """Round and clip readings [H, W, C]."""
         return np.clip(np.rint(signal), 0, self.max_dn)

@@ -7,12 +7,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
@@ -75,8 +75,8 @@ class StageRipple(EffectRecord):
         hertz: Turns of the screw per second, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOTION
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.MOTION
+    cost_ns = 0.1
 
     share: Annotated[float, Field(ge=0, le=1)]
     hertz: Positive
@@ -100,7 +100,7 @@ class StageRipple(EffectRecord):
             ),
         )
 
-    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: Rng) -> CameraPath:
         """Run through the path unevenly."""
         delay_s = self.share / (2 * np.pi * self.hertz)
         return WarpedPath(signal, delay_s, self.hertz, float(rng.uniform(0, 2 * np.pi)))
@@ -136,8 +136,8 @@ class StageVibration(EffectRecord):
         hertz: More than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOTION
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.MOTION
+    cost_ns = 0.1
 
     amplitude: NotNegative
     hertz: Positive
@@ -147,7 +147,7 @@ class StageVibration(EffectRecord):
         amplitude = BoundStep("A", self.amplitude, "units", "amplitude along each of two axes")
         return _displaced(scene, 2**0.5 * self.amplitude, "sqrt(2) * A", amplitude)
 
-    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: Rng) -> CameraPath:
         """Let the path tremble."""
         first, second = rng.uniform(0, 2 * np.pi, 2)
         return TremblingPath(signal, self.amplitude, self.hertz, (float(first), float(second)))
@@ -228,8 +228,8 @@ class StageBacklash(EffectRecord):
         play: Lost motion, scene units, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.MOTION
-    cost_ns: ClassVar[float] = 1.0
+    stage = LightStage.MOTION
+    cost_ns = 1.0
 
     play: NotNegative
 
@@ -243,7 +243,7 @@ class StageBacklash(EffectRecord):
         lag = BoundStep("lag", worst, "units", "largest lag after the turns of this path")
         return _displaced(scene, worst, "lag", play, lag)
 
-    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: Rng) -> CameraPath:
         """Let the path lag."""
         return self._lagging(signal, rig)
 

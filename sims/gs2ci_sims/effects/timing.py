@@ -7,12 +7,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
 from gs2ci_sims.rig import RigFigures
@@ -33,8 +33,8 @@ class TriggerTiming(EffectRecord):
         jitter_s: Standard deviation of the normal jitter, at least 0; a draw beyond three of them is cut to that.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     latency_s: FiniteFloat = 0.0
     jitter_s: NotNegative = 0.0
@@ -71,7 +71,7 @@ class TriggerTiming(EffectRecord):
             kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
             yield 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Cut the slices to the window; behind a rolling shutter, shift the window of every row."""
         jitter = np.clip(rng.standard_normal(), -JITTER_SIGMAS, JITTER_SIGMAS)
         late_s = self.latency_s + self.jitter_s * float(jitter)
@@ -96,8 +96,8 @@ class ClockDrift(EffectRecord):
         ppm: By how many parts per million the modulator's clock is slow, above -1e6 (crystals: 20 to 100).
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     ppm: Annotated[FiniteFloat, Field(gt=-1e6)]
 
@@ -137,7 +137,7 @@ class ClockDrift(EffectRecord):
         """The stretch."""
         return 1 + 1e-6 * self.ppm
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Stretch the slices and close the window; a rolling shutter closes every row by itself."""
         begin, stretch = -0.5 * rig.exposure_s, 1 + 1e-6 * self.ppm
         later = replace(
@@ -166,8 +166,8 @@ class RollingShutter(EffectRecord):
         line_delay_s: Delay from each row to the next, finite, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 10.0
+    stage = LightStage.TIME
+    cost_ns = 10.0
 
     line_delay_s: NotNegative
 
@@ -198,7 +198,7 @@ class RollingShutter(EffectRecord):
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
         return 1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1])
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Add the shutter to the slices; row 0 is not affected.
 
         It comes first among the effects on time: those that move the sensor's window move this shutter.

@@ -5,12 +5,12 @@
 """
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
@@ -29,8 +29,8 @@ class MirrorTransition(EffectRecord):
         transition_s: How long it takes, 0 or more, at most an interval.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.1
+    stage = LightStage.TIME
+    cost_ns = 0.1
 
     transition_s: NotNegative = 13e-6
 
@@ -48,7 +48,7 @@ class MirrorTransition(EffectRecord):
         """The share that belongs to the previous mask, and as much that comes from the next one."""
         return self._share(scene.rig)
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Mix the previous mask into the start of each mask's time."""
         if self._share(rig) == 0:
             return signal
@@ -96,8 +96,8 @@ class LcosResponse(EffectRecord):
         tau_s: Time constant, 0 or more; display panels have 1 to 10 ms.
     """
 
-    stage: ClassVar[LightStage] = LightStage.TIME
-    cost_ns: ClassVar[float] = 0.2
+    stage = LightStage.TIME
+    cost_ns = 0.2
 
     tau_s: NotNegative
 
@@ -134,7 +134,7 @@ class LcosResponse(EffectRecord):
         ratio = self.tau_s / rig.timing.interval_s
         return min(1.0, float(-np.expm1(-1 / ratio) * ratio))
 
-    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: Rng) -> Slices:
         """Mix the rest of older masks into each mask's time."""
         if self.tau_s == 0:
             return signal

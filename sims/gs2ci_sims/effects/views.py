@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 from scipy.ndimage import map_coordinates
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import pixel_centres, pixels_of, slopes_of
@@ -45,8 +45,8 @@ class Vignetting(EffectRecord):
         exponent: n, at least 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 20.0
+    stage = LightStage.RADIANCE
+    cost_ns = 20.0
 
     exponent: NotNegative = 4.0
 
@@ -63,7 +63,7 @@ class Vignetting(EffectRecord):
             BoundStep("c", float(lost.max()), "", "share lost in the farthest corner"),
         )
 
-    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: Rng) -> View:
         """Darken the view."""
         factor = self.transmission(signal.radiance.shape[:2], signal.intrinsics)
         return View(signal.radiance * factor[..., None], signal.intrinsics, signal.margin, signal.depth)
@@ -80,8 +80,8 @@ class OpticsPsf(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 60.0
+    stage = LightStage.RADIANCE
+    cost_ns = 60.0
     needs_depth: ClassVar[bool] = False
 
     sigma_px: Annotated[float, Field(ge=0, le=100)]
@@ -114,7 +114,7 @@ class OpticsPsf(EffectRecord):
         """Return the kernel's radius."""
         return gaussian_radius(self.sigma_px, self.reach)
 
-    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: Rng) -> View:
         """Blur the view."""
         image = blurred(signal.radiance, self.sigma_px, self.reach)
         return View(image, signal.intrinsics, signal.margin, signal.depth)
@@ -144,8 +144,8 @@ class Defocus(EffectRecord):
         focus_depth: z of what is sharp, scene units, more than 0.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 400.0
+    stage = LightStage.RADIANCE
+    cost_ns = 400.0
     needs_depth: ClassVar[bool] = True
 
     aperture: NotNegative
@@ -203,7 +203,7 @@ class Defocus(EffectRecord):
         widest = self.diameter_px(np.array([0.5 * self.focus_depth, 1e12]), float(intrinsics[0, 0])).max()
         return int(min(np.ceil(0.5 * widest), max(size)))
 
-    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: Rng) -> View:
         """Blur the view by layers of disc diameter."""
         assert signal.depth is not None, "the exposure renders depth for effects that need it"
         diameter = self.diameter_px(signal.depth, float(signal.intrinsics[0, 0]))
@@ -257,8 +257,8 @@ class LensDistortion(EffectRecord):
         k2: Coefficient of r^4.
     """
 
-    stage: ClassVar[LightStage] = LightStage.RADIANCE
-    cost_ns: ClassVar[float] = 600.0
+    stage = LightStage.RADIANCE
+    cost_ns = 600.0
     needs_depth: ClassVar[bool] = False
 
     k1: FiniteFloat
@@ -331,7 +331,7 @@ class LensDistortion(EffectRecord):
         """Return the largest displacement along an axis, and two pixels for the interpolation."""
         return int(np.ceil(np.abs(self._moved(size, intrinsics)).max())) + 2
 
-    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: Rng) -> View:
         """Resample the view with cubic splines at its light's origin; beyond the margin the border is repeated."""
         return View(self.bent(signal.radiance, signal.intrinsics), signal.intrinsics, signal.margin, signal.depth)
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from scipy.special import eval_legendre
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import pixel_centres, rays_of
 from gs2ci.render.harmonics import DEGREE_MAX, basis
@@ -27,7 +27,7 @@ BACK: Final = 0.35
 
 
 def ball(
-    rng: np.random.Generator,
+    rng: Rng,
     frame: SuggestedCamera,
     *,
     radius: float = 0.75,

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import torch
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Rng
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.curves import light_of_srgb
 from gs2ci.render.gaussians import Gaussians
@@ -46,7 +46,7 @@ def scene_from_mesh(
 
 
 def blocks(
-    rng: np.random.Generator,
+    rng: Rng,
     frame: SuggestedCamera,
     *,
     count: int = 6,
@@ -110,7 +110,7 @@ class MeshBuilder:
         frame: The camera, for which textures are fine enough.
     """
 
-    def __init__(self, rng: np.random.Generator, frame: SuggestedCamera) -> None:
+    def __init__(self, rng: Rng, frame: SuggestedCamera) -> None:
         self._rng, self._frame = rng, frame
         self._corners: list[F64] = []
         self._uv: list[F64] = []

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from pydantic import NonNegativeInt
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.rectangles import Rectangle, box, depth_of, rotation, textured
@@ -20,7 +20,7 @@ BACKDROP_OVERSIZE: Final = 1.5
 
 
 def planes(
-    rng: np.random.Generator,
+    rng: Rng,
     size: tuple[int, int] = (96, 128),
     *,
     depths: tuple[float, ...] = (2.0, 2.7, 3.5),
@@ -62,13 +62,13 @@ def backdrop_at(half: F64, depth: float) -> Rectangle:
     return Rectangle(np.array([0, 0, depth]), np.array([wide, 0, 0]), np.array([0, high, 0]))
 
 
-def _tilted(rng: np.random.Generator, half: F64, depth: float) -> Rectangle:
+def _tilted(rng: Rng, half: F64, depth: float) -> Rectangle:
     centre = np.array([*(rng.uniform(-0.6, 0.6, 2) * half * depth), depth])
     axes = rotation(rng.uniform(-0.5, 0.5, 3))
     wide, high = rng.uniform(0.25, 0.45, 2) * half.min() * depth
     return Rectangle(centre, wide * axes[:, 0], high * axes[:, 1])
 
 
-def _box(rng: np.random.Generator, half: F64, depth: float) -> list[Rectangle]:
+def _box(rng: Rng, half: F64, depth: float) -> list[Rectangle]:
     centre = np.array([*(rng.uniform(-0.5, 0.5, 2) * half * depth), depth])
     return box(centre, rotation(rng.uniform(-0.6, 0.6, 3)) * (rng.uniform(0.15, 0.25, 3) * half.min() * depth))

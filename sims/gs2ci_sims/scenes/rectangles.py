@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.lens import pixel_centres, rays_of
 from gs2ci_sims.scenes.surfels import Surfels, from_tangents
 
@@ -35,7 +35,7 @@ class Rectangle:
     half_v: F64
 
 
-def texture(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
+def texture(rng: Rng, shape: tuple[int, int], slope: float) -> F64:
     """Draw coloured noise whose amplitude falls as frequency^-slope, [H, W, 3] in [0, 1].
 
     Slope 0 is white noise, 1 the statistics of natural images (Field 1987), 2 soft clouds. Every frequency that
@@ -78,7 +78,7 @@ def rotation(angles: F64) -> F64:
     return about_z @ about_y @ about_x
 
 
-def textured(rng: np.random.Generator, rectangle: Rectangle, focal: float) -> Surfels:
+def textured(rng: Rng, rectangle: Rectangle, focal: float) -> Surfels:
     """Cover a rectangle with discs of a random texture, as fine as a camera of this focal length (px) resolves."""
     columns, rows = samples(rectangle, SPACING_PX * rectangle.centre[2] / focal)
     return coloured(rectangle, texture(rng, (rows, columns), float(rng.uniform(0.5, 1.8))))
@@ -118,7 +118,7 @@ def coloured(rectangle: Rectangle, radiance: F64) -> Surfels:
     return from_tangents(points, along_u, along_v, radiance.reshape(-1, 3))
 
 
-def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
+def grain(rng: Rng, shape: tuple[int, int], slope: float) -> F64:
     """Draw the grain of a paint, [H, W, 3] of mean 0 and an amplitude of about a quarter, mostly in brightness."""
     noise = texture(rng, shape, slope)
     noise -= noise.mean(axis=(0, 1))
@@ -154,7 +154,7 @@ def strip_samples(strip: Rectangle, focal: float) -> tuple[int, int]:
     return samples(strip, across, across * float(np.clip(near / aside, 1.0, FORESHORTENING_MAX)))
 
 
-def chequered(rng: np.random.Generator, strip: Rectangle, tile: float, colours: F64, focal: float) -> Surfels:
+def chequered(rng: Rng, strip: Rectangle, tile: float, colours: F64, focal: float) -> Surfels:
     """Cover a strip with tiles of two colours [2, 3] and a fine grain; tiles continue from strip to strip."""
     columns, rows = strip_samples(strip, focal)
     u = (np.arange(columns) + 0.5) / columns * 2 - 1

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import (
@@ -28,7 +28,7 @@ from gs2ci_sims.scenes.stage import FLOOR_COLOURS, OVERSIZE, SuggestedCamera, fl
 from gs2ci_sims.scenes.surfels import Surfels
 
 
-def boxes(rng: np.random.Generator, frame: SuggestedCamera, *, count: int = 7, backdrop: float = 6.0) -> Scene:
+def boxes(rng: Rng, frame: SuggestedCamera, *, count: int = 7, backdrop: float = 6.0) -> Scene:
     """Place boxes of random size, colour and rotation on a floor, from the wall towards the camera.
 
     Raises:
@@ -43,7 +43,7 @@ def boxes(rng: np.random.Generator, frame: SuggestedCamera, *, count: int = 7, b
 
 
 def moving_box(
-    rng: np.random.Generator,
+    rng: Rng,
     frame: SuggestedCamera,
     *,
     centre: tuple[float, float, float] = (-0.4, -0.25, 3.0),
@@ -81,7 +81,7 @@ def moving_box(
 
 
 def _standing(
-    rng: np.random.Generator, frame: SuggestedCamera, count: int, backdrop: float, nearest: float = 0.5
+    rng: Rng, frame: SuggestedCamera, count: int, backdrop: float, nearest: float = 0.5
 ) -> list[list[Rectangle]]:
     if count < 1:
         raise InputError(f"{count} boxes", allowed="1 or more")
@@ -99,7 +99,7 @@ def _standing(
 
 
 def corridor(
-    rng: np.random.Generator,
+    rng: Rng,
     frame: SuggestedCamera,
     *,
     half_width: float = 1.0,
@@ -139,7 +139,7 @@ def corridor(
     return staged("corridor", frame, [*floor, *ceiling, *walls[0], *walls[1], end], surfels)
 
 
-def _plaster(rng: np.random.Generator, strip: Rectangle, colour: F64, bay: int, focal: float) -> Surfels:
+def _plaster(rng: Rng, strip: Rectangle, colour: F64, bay: int, focal: float) -> Surfels:
     """Cover a strip with grainy plaster; every second bay has a lamp, brightest in its middle."""
     columns, rows = strip_samples(strip, focal)
     along = (np.arange(rows) + 0.5) / rows
@@ -153,7 +153,7 @@ CORNER: Final = 0.8
 
 
 def textureless(
-    rng: np.random.Generator, frame: SuggestedCamera, *, edge: float = 0.5, depth: float = 4.0, backdrop: float = 6.0
+    rng: Rng, frame: SuggestedCamera, *, edge: float = 0.5, depth: float = 4.0, backdrop: float = 6.0
 ) -> Scene:
     """Place a small textured box in a room of plain paint, in which each side has a single colour.
 
@@ -205,7 +205,7 @@ def _plain(face: Rectangle, colour: F64, focal: float) -> Surfels:
 
 
 def thicket(
-    rng: np.random.Generator,
+    rng: Rng,
     frame: SuggestedCamera,
     *,
     stems: int = 60,
@@ -244,7 +244,7 @@ def thicket(
 
 
 def _stem(
-    rng: np.random.Generator,
+    rng: Rng,
     frame: SuggestedCamera,
     depth: float,
     twigs: int,
@@ -280,7 +280,7 @@ def _ribbon(foot: F64, axis: F64, length: float, width: float) -> Rectangle:
     return Rectangle(centre, 0.5 * width * across / np.linalg.norm(across), 0.5 * length * axis)
 
 
-def _rounded(rng: np.random.Generator, ribbon: Rectangle, bark: F64, focal: float) -> Surfels:
+def _rounded(rng: Rng, ribbon: Rectangle, bark: F64, focal: float) -> Surfels:
     """Shade a ribbon across its width as a cylinder lit from the left, with nodes along it."""
     columns, rows = samples(ribbon, SPACING_PX * ribbon.centre[2] / focal)
     across = (np.arange(columns) + 0.5) / columns * 2 - 1

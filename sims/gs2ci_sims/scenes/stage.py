@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Rng
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.rectangles import (
@@ -63,7 +63,7 @@ def floor_y(frame: SuggestedCamera, backdrop: float) -> float:
     return float(0.5 * frame.half[1] * backdrop)
 
 
-def room(rng: np.random.Generator, frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle], list[Surfels]]:
+def room(rng: Rng, frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle], list[Surfels]]:
     """Build a chequered floor that runs up to a textured wall.
 
     Raises:
@@ -81,7 +81,7 @@ def room(rng: np.random.Generator, frame: SuggestedCamera, backdrop: float) -> t
     return [wall, *floor], surfels
 
 
-def painted(rng: np.random.Generator, face: Rectangle, focal: float, colour: F64) -> Surfels:
+def painted(rng: Rng, face: Rectangle, focal: float, colour: F64) -> Surfels:
     """Cover a face with a grainy paint, with shading."""
     nearest = min(face.centre[2], abs(face.centre[2] - np.abs([face.half_u[2], face.half_v[2]]).sum()))
     columns, rows = samples(face, SPACING_PX * max(nearest, 0.5 * face.centre[2]) / focal)

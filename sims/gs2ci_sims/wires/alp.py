@@ -25,16 +25,9 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import U8
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import Event, World
-
-STALE = declare("alp.stale", "the device still shows the sequence of a session that was killed")
-HELD = declare("alp.held", "another program has the device (ALP_NOT_READY)")
-REFUSES = declare("alp.refuses", "a function returns the code `value` (1005 when not given)")
-STOPS_EARLY = declare("alp.stops_early", "the sequence ends before a picture")
-PULSE_LOST = declare("alp.pulse_lost", "a pulse of the gated output is missing")
-FLOATS = declare("alp.floats", "the supply fails: the mirrors are released (ALP_DMD_POWER_FLOAT)")
 
 SHORTEST_US: Final = 44
 DARK_US: Final = 44
@@ -109,7 +102,7 @@ class AlpTwin(Plugged["_Session"]):
 
     def _begin_session(self) -> "_Session":
         """Load the library, as a process does; one at a time here."""
-        if self.faults.take(STALE):
+        if self.faults.take("alp.stale"):
             self._sequences[99] = _Pictures(np.full((1, *self.size), 255, np.uint8), uninterrupted=True)
             self._begin(self._sequences[99], endless=True)
         return _Session(self)
@@ -152,7 +145,7 @@ class AlpTwin(Plugged["_Session"]):
     def _answered(self, function: str, numbers: list[int], data: bytes) -> int:
         if not self.plugged:
             raise _Refused(_NOT_ONLINE if function == "AlpDevAlloc" else _REMOVED)
-        refused = self.faults.take(REFUSES, function)
+        refused = self.faults.take("alp.refuses", function)
         if refused:
             raise _Refused(int(refused.value or _INVALID))
         if function == "AlpDevAlloc":
@@ -182,14 +175,14 @@ class AlpTwin(Plugged["_Session"]):
         return self._sequences[ident]
 
     def _allocate(self) -> int:
-        if self.allocated or self.faults.take(HELD):
+        if self.allocated or self.faults.take("alp.held"):
             raise _Refused(_NOT_READY)
         self._reset()
         self.allocated = True
         return 7
 
     def _inquire(self, numbers: list[int], data: bytes) -> int:
-        if self.faults.take(FLOATS):
+        if self.faults.take("alp.floats"):
             self.floating = True
             self._end()
         used = sum(len(one.levels) for one in self._sequences.values())
@@ -323,14 +316,14 @@ class AlpTwin(Plugged["_Session"]):
 
     def _show(self, one: _Pictures, index: int, endless: bool) -> None:
         total = len(one.levels) * one.repeats
-        if (index >= total and not endless) or self.faults.take(STOPS_EARLY):
+        if (index >= total and not endless) or self.faults.take("alp.stops_early"):
             self._follow()
             return
         levels = one.levels[index % len(one.levels)]
         levels = levels ^ 1 if self._inverted else levels
         self.world.show_mask(levels if levels.any() else None, 1)
         high, entries = self._gate
-        if entries and entries[index % len(entries)] and not self.faults.take(PULSE_LOST):
+        if entries and entries[index % len(entries)] and not self.faults.take("alp.pulse_lost"):
             self.world.bus.pulse(self._line, one.pulse_us * 1e-6, level=high)
         if not one.uninterrupted:
             self.world.clock.after(one.shown_us * 1e-6, lambda: self._darken(one))

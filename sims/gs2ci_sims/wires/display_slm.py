@@ -9,17 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import U16
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.panel import Panel, transmissions
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import World
-
-REFUSES = declare("slm.refuses", "the panel answers NG")
-BUSY = declare("slm.busy", "the panel answers BS for `value` seconds (booting)")
-MUTE = declare("slm.no_response", "the panel never answers a command")
-ROW_LOST = declare("slm.row_lost", "an image row is lost")
-PIXEL_SPOILT = declare("slm.pixel_spoilt", "a pixel of an uploaded image is spoilt: its checksum is wrong")
-WRONG_KIND = declare("slm.wrong_kind", "a status arrives as a frame of another kind")
 
 HEIGHT: Final = 1200
 WIDTH: Final = 1920
@@ -119,16 +112,16 @@ class DisplaySlmTwin(SerialTwin):
         self._reply(self._status_frame(word), "status", delay_s=200e-6)
 
     def _status_frame(self, word: str) -> bytes:
-        kind = 9 if self.faults.take(WRONG_KIND) else 3
+        kind = 9 if self.faults.take("slm.wrong_kind") else 3
         return b"SEND\x00\xff\x00" + bytes([kind]) + bytes(8) + word.encode("ascii").ljust(1024, b"\0")
 
     def _finish(self, word: str, about: str, takes_s: float = _COMMAND_S) -> None:
-        busy = self.faults.take(BUSY, about)
+        busy = self.faults.take("slm.busy", about)
         if busy:
             self._busy_until_s = self.clock.now_s() + busy.value
-        if self.faults.take(REFUSES, about):
+        if self.faults.take("slm.refuses", about):
             word = "NG"
-        if self.faults.take(MUTE, about):
+        if self.faults.take("slm.no_response", about):
             word = ""
         self._word, self._word_from_s = word, self.clock.now_s() + takes_s
 
@@ -163,7 +156,7 @@ class DisplaySlmTwin(SerialTwin):
         return "OK"
 
     def _take_row(self, row: int, data: bytes) -> None:
-        if not self.faults.take(ROW_LOST):
+        if not self.faults.take("slm.row_lost"):
             self._rows[row] = data
         if row != HEIGHT - 1:
             return
@@ -172,7 +165,7 @@ class DisplaySlmTwin(SerialTwin):
             self._finish("NG", "image", _IMAGE_S)
             return
         buffer = np.frombuffer(b"".join(rows[i] for i in range(HEIGHT)), np.uint8).reshape(HEIGHT, 4096).copy()
-        if self.faults.take(PIXEL_SPOILT):
+        if self.faults.take("slm.pixel_spoilt"):
             buffer[HEIGHT // 2, WIDTH] ^= 1
         low, high = buffer[:, 0 : 2 * WIDTH : 2], buffer[:, 1 : 2 * WIDTH : 2]
         pixels = low + high * np.uint16(256)

@@ -11,14 +11,8 @@ from functools import partial
 from typing import TypedDict, Unpack
 
 from gs2ci_sims.axis_motion import AxisMotion
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.world import VirtualClock
-
-HALTS = declare("stage.halts", "the next move halts half-way for `value` s (0: 0.05) and then goes on to its target")
-SLOWER = declare("stage.slower", "the next move goes on half-way at `value` times its speed (0: 0.5)")
-FASTER = declare("stage.faster", "the next move goes on half-way at `value` times its speed (0: 1.5)")
-LATE = declare("stage.late", "the next move begins `value` s late (0: 0.3)")
-DISPLACED = declare("stage.displaced", "the next move is displaced half-way by `value` mm (0: 0.3)")
 
 
 class Disturbance(TypedDict, total=False):
@@ -60,15 +54,15 @@ class Disturbances:
             changed: Is told when the move will end instead.
         """
         take, values = self._faults.take, []
-        if fault := take(HALTS, about):
+        if fault := take("stage.halts", about):
             values.append((0.5, Disturbance(pause_s=fault.value or 0.05)))
-        if fault := take(SLOWER, about):
+        if fault := take("stage.slower", about):
             values.append((0.5, Disturbance(speed_factor=fault.value or 0.5)))
-        if fault := take(FASTER, about):
+        if fault := take("stage.faster", about):
             values.append((0.5, Disturbance(speed_factor=fault.value or 1.5)))
-        if fault := take(LATE, about):
+        if fault := take("stage.late", about):
             values.append((0.0, Disturbance(pause_s=fault.value or 0.3)))
-        if fault := take(DISPLACED, about):
+        if fault := take("stage.displaced", about):
             values.append((0.5, Disturbance(jump_mm=fault.value or 0.3)))
         waiting, self._waiting = [*self._waiting, *values], []
         now_s = self._clock.now_s()

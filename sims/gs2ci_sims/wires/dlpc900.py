@@ -8,27 +8,13 @@ with the driver.
 from functools import partial
 from typing import Any, Final
 
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.dlpc900_firmware import Firmware, Refusal
 from gs2ci_sims.wires.dlpc900_lamp import Lamp
 from gs2ci_sims.wires.dlpc900_sequencer import START_LATENCY_S
 from gs2ci_sims.wires.dlpc900_tables import COMMAND_NAMES
 from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import Event, World
-
-REPLY_LOST = declare("dlpc900.reply_lost", "a reply is never sent")
-REPLY_LATE = declare("dlpc900.reply_late", "a reply comes `value` seconds late")
-REPLY_TWICE = declare("dlpc900.reply_twice", "a reply is sent twice")
-REPLY_GARBLED = declare("dlpc900.reply_garbled", "the header of a reply is overwritten with 0xFF")
-REPLY_SHORT = declare("dlpc900.reply_short", "a reply ends after `value` bytes (2 when not given)")
-REPLY_OTHER = declare("dlpc900.reply_other_sequence", "a reply carries another sequence number")
-STALE = declare("dlpc900.stale", "an answer of an earlier session waits when the port is opened")
-BABBLE = declare("dlpc900.babble", "100 unrequested reports come before a reply")
-NACK = declare("dlpc900.nack", "a command is refused with error `value` (255 when not given)")
-REPORT_LOST = declare("dlpc900.report_lost", "a 64-byte report from the host is lost")
-WRITE_STUCK = declare("dlpc900.write_stuck", "the device takes no report: write timeout")
-UNPLUGGED = declare("dlpc900.unplugged", "the device is unplugged (ENODEV); its own power stays on")
-POWER_CYCLE = declare("dlpc900.power_cycle", "the device loses power: patterns gone, ENODEV")
 
 REPORT_BYTES: Final = 64
 REPORT_S: Final = 1e-3
@@ -77,7 +63,9 @@ class Dlpc900Twin(Plugged["_Session"]):
         self._answering: list[Event] = []
 
     def _begin_session(self) -> "_Session":
-        self._outgoing = [b"\xc0\x01\x01\x00\x7f".ljust(REPORT_BYTES, b"\0")] if self.faults.take(STALE) else []
+        self._outgoing = (
+            [b"\xc0\x01\x01\x00\x7f".ljust(REPORT_BYTES, b"\0")] if self.faults.take("dlpc900.stale") else []
+        )
         return _Session(self)
 
     def _lose(self) -> None:
@@ -128,7 +116,7 @@ class Dlpc900Twin(Plugged["_Session"]):
         is_read = bool(flags & 0x80)
         data, refused = b"", False
         try:
-            forced = self.faults.take(NACK, name)
+            forced = self.faults.take("dlpc900.nack", name)
             if forced:
                 raise Refusal(int(forced.value) or 255)
             data = self.firmware.read(number) if is_read else self.firmware.write(number, message[6:])
@@ -141,22 +129,22 @@ class Dlpc900Twin(Plugged["_Session"]):
 
     def _answer(self, name: str, reply: bytes) -> None:
         take = self.faults.take
-        if take(REPLY_LOST, name):
+        if take("dlpc900.reply_lost", name):
             return
-        if take(REPLY_OTHER, name):
+        if take("dlpc900.reply_other_sequence", name):
             reply = reply[:1] + bytes([(reply[1] + 101) & 0xFF]) + reply[2:]
-        if take(REPLY_GARBLED, name):
+        if take("dlpc900.reply_garbled", name):
             reply = b"\xff" * 4 + reply[4:]
         padded = reply.ljust(-(-len(reply) // REPORT_BYTES) * REPORT_BYTES, b"\0")
         reports = [padded[at : at + REPORT_BYTES] for at in range(0, len(padded), REPORT_BYTES)]
-        short = take(REPLY_SHORT, name)
+        short = take("dlpc900.reply_short", name)
         if short:
             reports = [reply[: int(short.value) or 2]]
-        if take(REPLY_TWICE, name):
+        if take("dlpc900.reply_twice", name):
             reports = reports * 2
-        if take(BABBLE, name):
+        if take("dlpc900.babble", name):
             reports = [bytes([i]) * REPORT_BYTES for i in range(100)] + reports
-        late = take(REPLY_LATE, name)
+        late = take("dlpc900.reply_late", name)
         delay_s = REPLY_LATENCY_S + (late.value if late else 0.0)
         for i, report in enumerate(reports):
             event = self.clock.after(delay_s + i * REPORT_S, partial(self._deliver, report))
@@ -192,15 +180,15 @@ class _Session(Session[Dlpc900Twin]):
     def _loses_report(self, report: bytes, timeout_s: float) -> bool:
         """Apply the faults of the transfer; return whether the report is lost."""
         twin, name = self._twin, self._twin.current_command(report)
-        if twin.faults.take(UNPLUGGED, name):
+        if twin.faults.take("dlpc900.unplugged", name):
             twin.unplug()
-        if twin.faults.take(POWER_CYCLE, name):
+        if twin.faults.take("dlpc900.power_cycle", name):
             twin.power_cycle()
         self._require_alive()
-        if twin.faults.take(WRITE_STUCK, name):
+        if twin.faults.take("dlpc900.write_stuck", name):
             twin.clock.sleep_s(timeout_s)
             raise TimeoutError("Operation timed out", timeout_s)
-        if twin.faults.take(REPORT_LOST, name):
+        if twin.faults.take("dlpc900.report_lost", name):
             twin.clock.sleep_s(REPORT_S)
             return True
         return False

@@ -12,18 +12,12 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import U8, U16, U32
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
 from gs2ci_sims.wires.dlpc900_lamp import FULL, Lamp, light_of
 from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
 from gs2ci_sims.wires.dlpc900_tables import ERROR_TEXT, MIRRORS
 from gs2ci_sims.world import World
-
-PARKED = declare("dlpc900.parked", "the mirrors park: the status reports it, and nothing is shown")
-FORGETS = declare("dlpc900.forgets_images", "the image memory is lost before a start, without an error")
-STANDBY = declare("dlpc900.standby", "another program has sent the controller to standby")
-SECONDARY = declare("dlpc900.secondary_silent", "of two controllers the secondary does not answer: its half is dark")
-STAYS_RUNNING = declare("dlpc900.ignores_stop", "a stop is acknowledged and ignored")
 
 _ON_THE_FLY: Final = 3
 _SETTLE_S: Final = 3.0
@@ -152,7 +146,7 @@ class Firmware:
         Raises:
             Refusal: The register does not exist.
         """
-        if self.faults.take(STANDBY):
+        if self.faults.take("dlpc900.standby"):
             self._settings[0x0200] = b"\x01"
         if number in self._reads:
             return self._reads[number]()
@@ -189,14 +183,14 @@ class Firmware:
         return bytes([self._told])
 
     def _read_hardware_status(self) -> bytes:
-        if self.mirrors.dual and self.faults.take(SECONDARY):
+        if self.mirrors.dual and self.faults.take("dlpc900.secondary_silent"):
             self.secondary = False
             self._planes.clear()
         dual = self.mirrors.dual and self.secondary
         return bytes([1 | (0x10 if dual else 0) | (0x40 if self.sequencer.aborted else 0)])
 
     def _read_main_status(self) -> bytes:
-        if self.faults.take(PARKED):
+        if self.faults.take("dlpc900.parked"):
             self.parked = True
             self.world.show_mask(None)
         return bytes([int(self.parked) | int(self.sequencer.running) << 1])
@@ -320,7 +314,7 @@ class Firmware:
     def _write_control(self, data: bytes) -> None:
         _require(len(data) == 1 and data[0] <= 2, 6)
         _require(self._settings[0x1A1B] != b"\0", 5)
-        if data[0] == 0 and not self.faults.take(STAYS_RUNNING):
+        if data[0] == 0 and not self.faults.take("dlpc900.ignores_stop"):
             self.sequencer.stop()
         elif data[0] == 1:
             self.sequencer.pause()
@@ -329,7 +323,7 @@ class Firmware:
 
     def _start(self) -> None:
         _require(not self.sequencer.running and self._settings[0x0201] == b"\0", 5)
-        if self.faults.take(FORGETS):
+        if self.faults.take("dlpc900.forgets_images"):
             self._lose_images()
         entries = [self.table.get(index) for index in range(self._entries)]
         _require(bool(entries), 16)

@@ -7,15 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gs2ci.core.arrays import U8, U16
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.world import Event, World
-
-STOPS_EARLY = declare("dlpc900.stops_early", "the sequence stops by itself before a mask, without any error flag")
-ABORTS = declare("dlpc900.sequencer_abort", "the sequencer's watchdog aborts the sequence and sets its flag")
-PULSE_LOST = declare("dlpc900.pulse_lost", "a pulse of trigger output 2 is missing")
-PULSE_TWICE = declare("dlpc900.pulse_twice", "trigger output 2 pulses twice for one mask, 60 µs apart")
-POLARITY = declare("dlpc900.suppress_inverted", "the firmware takes the suppress bit of trigger output 2 inverted")
-COUNT_OFF = declare("dlpc900.count_off", "the sequence shows `value` masks more than requested (1 when not given)")
 
 # Default time from a start to the first step.
 START_LATENCY_S = 500e-6
@@ -91,7 +84,7 @@ class Sequencer:
             self._plan(self.shown, self.world.clock.now_s() + self.start_latency_s)
             return
         self.stop()
-        off = self.faults.take(COUNT_OFF)
+        off = self.faults.take("dlpc900.count_off")
         self._steps = steps
         self._total = (total or _NEVER) + (int(off.value or 1) if off else 0)
         self.running = True
@@ -122,10 +115,10 @@ class Sequencer:
         step = self._steps[index % len(self._steps)]
         self._at(when_s, lambda: self._begin(index))
         self._at(when_s + self.outputs[0].rise_s, lambda: self._drive(0, active=True))
-        pulse = step.pulse != (self.faults.take(POLARITY) is not None)
-        if pulse and not self.faults.take(PULSE_LOST):
+        pulse = step.pulse != (self.faults.take("dlpc900.suppress_inverted") is not None)
+        if pulse and not self.faults.take("dlpc900.pulse_lost"):
             self._pulse(when_s)
-            if self.faults.take(PULSE_TWICE):
+            if self.faults.take("dlpc900.pulse_twice"):
                 self._pulse(when_s + _DOUBLE_PULSE_S)
 
     def _pulse(self, when_s: float) -> None:
@@ -136,10 +129,10 @@ class Sequencer:
         self._at(when_s + fall_s, lambda: self._drive(1, active=False))
 
     def _begin(self, index: int) -> None:
-        if self.faults.take(STOPS_EARLY):
+        if self.faults.take("dlpc900.stops_early"):
             self.stop()
             return
-        if self.faults.take(ABORTS):
+        if self.faults.take("dlpc900.sequencer_abort"):
             self.aborted = True
             self.stop()
             return

@@ -21,24 +21,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import U8, U16
+from gs2ci.core.arrays import U8, U16, Rng
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.genicam_nodes import Node, NodeTable, in_categories
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel, Stamps
 from gs2ci_sims.world import World
-
-UNPLUGGED = declare("genicam.unplugged", "the camera disappears (ENODEV) until plugged in again")
-HELD = declare("genicam.held", "another program holds the camera (EBUSY)")
-INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buffer is incomplete")
-LOST = declare("genicam.frame_lost", "a frame is lost in transfer, and its number with it")
-OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
-REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature, or a command of the acquisition")
-GAIN_LEFT = declare("genicam.gain_left", "another program has left the gain at `value` dB")
-MIRRORED = declare("genicam.mirrored", "another program has left the picture mirrored")
-NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
-CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
 US: Final = 1e-6
 LATCH_S = 2e-4
@@ -120,7 +109,7 @@ class GenicamTwin:
         model: GenicamModel | None = None,
         faults: FaultSet | None = None,
         *,
-        rng: np.random.Generator | None = None,
+        rng: Rng | None = None,
     ) -> None:
         self.model = model or GenicamModel()
         self.faults = faults or FaultSet()
@@ -184,14 +173,14 @@ class GenicamTwin:
         """
         del producer, serial
         self.calls.append("open")
-        if self.faults.take(UNPLUGGED, "open"):
+        if self.faults.take("genicam.unplugged", "open"):
             self.unplug()
         if not self._plugged:
             raise OSError(ENOENT, "0 cameras")
-        if self.faults.take(HELD, "open"):
+        if self.faults.take("genicam.held", "open"):
             raise OSError(EBUSY, "the camera is held by another program")
         self._opened = True
-        for fault, feature in ((GAIN_LEFT, "Gain"), (MIRRORED, "ReverseX")):
+        for fault, feature in (("genicam.gain_left", "Gain"), ("genicam.mirrored", "ReverseX")):
             left = self.faults.take(fault)
             if left is not None:
                 self.nodes.write(feature, left.value if feature == "Gain" else True)
@@ -232,7 +221,7 @@ class GenicamTwin:
         self._buffers, self.streaming, self._frames = buffers, True, 0
         self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
-        self._never_ready = self.faults.take(NEVER_READY) is not None
+        self._never_ready = self.faults.take("genicam.never_ready") is not None
         others = ("AcquisitionStart", "FrameBurstStart") if "TriggerSelector" in self.nodes else ()
         if any(self.nodes.of("TriggerMode", other) == "On" for other in others):
             return buffers  # the camera waits for another kind of trigger, which is never sent
@@ -276,13 +265,13 @@ class GenicamTwin:
 
     def _alive(self, asked: str) -> None:
         self.calls.append(asked)
-        if self.faults.take(UNPLUGGED, asked):
+        if self.faults.take("genicam.unplugged", asked):
             self.unplug()
         if not self._plugged or not self._opened:
             raise OSError(ENODEV, "the camera is gone")
 
     def _refuse(self, asked: str) -> None:
-        if self.faults.take(REFUSED, asked):
+        if self.faults.take("genicam.feature_refused", asked):
             raise FeatureRefusalError(f"{asked}: access denied")
 
     def _identity(self) -> CameraIdentity:
@@ -304,19 +293,19 @@ class GenicamTwin:
         name = str(self.nodes.read("PixelFormat"))
         pixels = self._pixels(exposed, height, width, bits_of(name))
         number, self._frames = self._frames, self._frames + 1
-        if self.faults.take(CLOCK_RESET):
+        if self.faults.take("genicam.clock_reset"):
             self._clock_zero_s = self._clock.now_s()
         stamped_s = {
             "start-of-exposure": exposed.start_s,
             "start-of-frame": exposed.end_s,
             "end-of-frame": exposed.end_s + self.model.readout_s,
         }[self.model.stamps]
-        if self.faults.take(LOST) or len(self._full) >= self._buffers:
+        if self.faults.take("genicam.frame_lost") or len(self._full) >= self._buffers:
             return
         buffer = self._sent(pixels, name, number, self._camera_ns(stamped_s), exposed)
-        if self.faults.take(INCOMPLETE):
+        if self.faults.take("genicam.incomplete"):
             buffer = CameraBuffer(b"", False, -1, None)
-        if self.faults.take(OTHER_SIZE):
+        if self.faults.take("genicam.other_size"):
             buffer = replace(buffer, height=height - 2)
         self._full.append(buffer)
 

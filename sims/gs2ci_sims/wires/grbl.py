@@ -27,17 +27,11 @@ from collections.abc import Mapping
 from math import ceil, hypot
 from typing import Any, Literal
 
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.grbl_build import AXES, GrblMachine, report_numbers
 from gs2ci_sims.wires.grbl_core import MOVING, SUSPENDED, GrblCore
 from gs2ci_sims.wires.serial_twin import REPLY_LATENCY_S, SerialSession
 from gs2ci_sims.world import VirtualClock, World
-
-HELD = declare("grbl.held", "somebody presses feed hold just before the next jog: it is neither read nor answered")
-ERROR = declare("grbl.error", "a line is answered with error:`value` (0: 20)")
-BANNER_INSIDE = declare("grbl.banner_inside", "a spurious banner in the middle of a reply's line")
-MESSAGE = declare("grbl.message", "a [MSG:...] line comes before a reply")
-SILENT_STATUS = declare("grbl.silent_status", "a status request is not answered")
 
 BOOT_S = 1.2
 RX_BYTES = 128
@@ -128,7 +122,7 @@ class GrblTwin(GrblCore):
         elif self._awaits_reset:
             return True
         elif byte == ord("?"):
-            if self._state != "Home" and not self.faults.take(SILENT_STATUS):
+            if self._state != "Home" and not self.faults.take("grbl.silent_status"):
                 self._reply(self._report(), "?")
         elif byte == 0x85:
             if self._state == "Jog":
@@ -195,15 +189,15 @@ class GrblTwin(GrblCore):
 
     def _execute(self, line: bytes) -> None:
         text = line.decode("ascii", "replace").upper().replace(" ", "")
-        if text.startswith("$J=") and self.faults.take(HELD, text):
+        if text.startswith("$J=") and self.faults.take("grbl.held", text):
             self._suspend("Hold")
         if self._state in SUSPENDED:  # it was suspended meanwhile (protocol_execute_realtime before each line)
             self._waiting.insert(0, line)
             self._executing = False
             return
-        if self.faults.take(MESSAGE, text):
+        if self.faults.take("grbl.message", text):
             self._reply(b"[MSG:Check Limits]\r\n", text)
-        if error := self.faults.take(ERROR, text):
+        if error := self.faults.take("grbl.error", text):
             self._answer(f"error:{error.value or 20:.0f}", text)
         elif len(line) > 80:
             self._answer("error:11", text)
@@ -219,7 +213,7 @@ class GrblTwin(GrblCore):
     def _answer(self, reply: str, about: str) -> None:
         """End a line with its reply, and read the next one."""
         data = reply.encode("ascii") + b"\r\n"
-        if self.faults.take(BANNER_INSIDE, about):
+        if self.faults.take("grbl.banner_inside", about):
             data = data[: len(data) // 2] + b"\r\n" + self.greeting + b"\r\n" + data[len(data) // 2 :]
         self._reply(data, about)
         self._executing = False

@@ -10,7 +10,7 @@ from math import hypot
 from typing import NamedTuple
 
 from gs2ci_sims.axis_motion import AxisMotion
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.disturbed import Disturbances
 from gs2ci_sims.wires.grbl_build import (
     AXES,
@@ -21,15 +21,6 @@ from gs2ci_sims.wires.grbl_build import (
 )
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import VirtualClock
-
-HARD_LIMIT = declare("grbl.hard_limit", "a limit switch trips after half of the next move: ALARM:1")
-RESET_MOVING = declare("grbl.reset_moving", "the controller resets itself after half of the next move: ALARM:3")
-POWER_CYCLE = declare("grbl.power_cycle", "the controller reboots after half of the next move: banner, position 0")
-EARLY_IDLE = declare("grbl.early_idle", "the first reports after a move state Idle although it still moves")
-DOOR = declare("grbl.door", "the safety door opens after half of the next move")
-HOLD = declare("grbl.hold", "somebody presses feed hold after half of the next move, which ends a jog")
-JOG_CANCELLED = declare("grbl.jog_cancelled", "somebody cancels the next jog half-way")
-HOMING_FAILS = declare("grbl.homing_fails", "homing does not find the switch: ALARM:9")
 
 ALARM_PAUSE_S = 0.5
 CRITICAL_ALARMS = (1, 2)
@@ -193,15 +184,15 @@ class GrblCore(SerialTwin):
         self._later(ends_s, self._rest)
         moving = [axis for axis in self._axes if axis.moving_at(now_s)]
         self.disturbances.schedule(moving, ends_s, "$J=" if self._state == "Jog" else "G1")
-        if self.faults.take(EARLY_IDLE):
+        if self.faults.take("grbl.early_idle"):
             self._early_reports = 2
         for kind, action in (
-            (HARD_LIMIT, lambda: self._alarm(1)),
-            (RESET_MOVING, self._soft_reset),
-            (POWER_CYCLE, self.reboot),
-            (DOOR, self.open_door),
-            (HOLD, lambda: self._suspend("Hold")),
-            (JOG_CANCELLED, lambda: self._cancel("Idle")),
+            ("grbl.hard_limit", lambda: self._alarm(1)),
+            ("grbl.reset_moving", self._soft_reset),
+            ("grbl.power_cycle", self.reboot),
+            ("grbl.door", self.open_door),
+            ("grbl.hold", lambda: self._suspend("Hold")),
+            ("grbl.jog_cancelled", lambda: self._cancel("Idle")),
         ):
             if self.faults.take(kind):
                 self._later((now_s + ends_s) / 2, action)
@@ -277,7 +268,7 @@ class GrblCore(SerialTwin):
             return
         self._state = "Home"
         self._generation += 1
-        missing = self.faults.take(HOMING_FAILS) is not None
+        missing = self.faults.take("grbl.homing_fails") is not None
         self._homing_cycle([[i for i in cycle if i < len(self._axes)] for cycle in cycles], text, missing=missing)
 
     def _cycles(self, text: str) -> Sequence[Sequence[int]] | None:

@@ -27,16 +27,10 @@ from typing import Any, Final
 
 from gs2ci.core.mechanics import Mechanics
 from gs2ci_sims.axis_motion import AxisMotion
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.disturbed import Disturbances
-from gs2ci_sims.wires.serial_twin import REQUEST_LOST, SerialTwin
+from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import VirtualClock, World
-
-STALL = declare("kinesis.stall", "the axis stalls after the share `value` (0: half) of its next move: motion error")
-BESIDE = declare("kinesis.beside", "the next move ends `value` mm (0: 0.1) short of its target without a fault")
-WHEEL = declare("kinesis.wheel", "somebody turns the cube's wheel during the next move, which ends half-way")
-POWER_CYCLE = declare("kinesis.power_cycle", "the controller loses power after half of the next move")
-COMPLAINS = declare("kinesis.complains", "a message with an error text comes before an answer (HW_RICHRESPONSE)")
 
 STATUS_S: Final = 10e-3
 UPDATE_S: Final = 0.1
@@ -221,7 +215,7 @@ class KinesisTwin(SerialTwin):
                 return
             body = bytes(self._input[6:size])
             del self._input[:size]
-            if not self.faults.take(REQUEST_LOST, f"{ident:#06x}"):
+            if not self.faults.take("serial.request_lost", f"{ident:#06x}"):
                 self._message(ident, first, second, dest & 0x7F, body)
 
     def _message(self, ident: int, first: int, second: int, dest: int, body: bytes) -> None:
@@ -283,7 +277,7 @@ class KinesisTwin(SerialTwin):
         axis.error, axis.homing = False, False
         here_mm = axis.motion.position_at(now_s)
         target_mm = min(max((counts - axis.offset) / built.counts_per_mm, 0.0), built.travel_mm)
-        beside = self.faults.take(BESIDE)
+        beside = self.faults.take("kinesis.beside")
         if beside:
             target_mm -= (beside.value or 0.1) * (1 if target_mm > here_mm else -1)
         past_mm = axis.overshoot / built.counts_per_mm if target_mm < here_mm else 0.0
@@ -314,8 +308,8 @@ class KinesisTwin(SerialTwin):
         return axis.motion.move_to(target_mm, speed_mm_s, now_s)
 
     def _schedule_faults(self, axis: _Axis, now_s: float, ends_s: float) -> None:
-        stall, wheel = self.faults.take(STALL), self.faults.take(WHEEL)
-        cut = self.faults.take(POWER_CYCLE)
+        stall, wheel = self.faults.take("kinesis.stall"), self.faults.take("kinesis.wheel")
+        cut = self.faults.take("kinesis.power_cycle")
         at_s = now_s + (ends_s - now_s) * ((stall.value if stall else 0.0) or 0.5)
 
         def strike() -> None:
@@ -355,7 +349,7 @@ class KinesisTwin(SerialTwin):
 
     def _answer(self, ident: int, source: int, data: bytes) -> None:
         reply = self._long(ident, source, data)
-        if self.faults.take(COMPLAINS, f"{ident:#06x}"):
+        if self.faults.take("kinesis.complains", f"{ident:#06x}"):
             words = b"a text that says what is wrong".ljust(64, b"\0")
             reply = self._long(0x0081, source, struct.pack("<HH64s", ident, 7, words)) + reply
         moved, self._moved = self._moved, False

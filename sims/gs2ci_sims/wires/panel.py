@@ -12,13 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gs2ci.core.arrays import F32, U8, U16
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.world import Event, World
-
-STOPS_EARLY = declare("panel.stops_early", "the sequence ends before a mask")
-MASK_SKIPPED = declare("panel.mask_skipped", "a mask is not shown, the modulator stays dark for its time")
-PULSE_LOST = declare("panel.pulse_lost", "a trigger pulse is missing")
-PULSE_TWICE = declare("panel.pulse_twice", "the trigger line pulses twice, `value` seconds apart (60 µs)")
 
 Levels = U8 | U16
 
@@ -155,22 +150,22 @@ class Panel:
 
     def pulse(self) -> None:
         """Pulse the trigger line once; with a fault not at all, or twice."""
-        if self.faults.take(PULSE_LOST):
+        if self.faults.take("panel.pulse_lost"):
             return
         self.world.bus.pulse(self.line, PULSE_S)
-        twice = self.faults.take(PULSE_TWICE)
+        twice = self.faults.take("panel.pulse_twice")
         if twice:
             gap_s = max(twice.value, 1.2 * PULSE_S)
             self.world.clock.after(gap_s, lambda: self.world.bus.pulse(self.line, PULSE_S))
 
     def _begin(self, show: Show, index: int) -> None:
-        if self.faults.take(STOPS_EARLY):
+        if self.faults.take("panel.stops_early"):
             shown = self.shown
             self.stop()
             self.shown = shown
             return
         slot = index % len(show.masks)
-        if self.faults.take(MASK_SKIPPED):
+        if self.faults.take("panel.mask_skipped"):
             self.set(None)
         else:
             self.set(show.masks[slot], show.top)

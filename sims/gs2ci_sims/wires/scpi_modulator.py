@@ -15,16 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.panel import Levels, Out, Panel, Show
-from gs2ci_sims.wires.serial_twin import REQUEST_LOST, SerialTwin
+from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import World
-
-REFUSES = declare("scpi.refuses", "a command is refused with error `value` (-200 when not given)")
-BLOCK_SPOILT = declare("scpi.block_spoilt", "one bit of a pattern block is flipped on the line")
-BLOCK_SHORT = declare("scpi.block_short", "a byte of a pattern block is lost on the line")
-FAULTY = declare("scpi.fault", "the device reports a fault of its own (over-temperature)")
-RESTARTS = declare("scpi.restarts", "the device restarts: it has lost its patterns, and answers")
 
 QUIET_S: Final = 0.5
 START_LATENCY_US: Final = 1000
@@ -184,7 +178,7 @@ class ScpiModulatorTwin(SerialTwin):
             return False
         line = bytes(self._input[:end])
         del self._input[: end + 1]
-        if not self.faults.take(REQUEST_LOST, line.decode("ascii", "replace")):
+        if not self.faults.take("serial.request_lost", line.decode("ascii", "replace")):
             self._line(line)
         return True
 
@@ -202,9 +196,9 @@ class ScpiModulatorTwin(SerialTwin):
             return False
         data = bytes(self._input[begin : begin + length])
         end = self._input[begin + length]
-        if self.faults.take(BLOCK_SHORT):
+        if self.faults.take("scpi.block_short"):
             data, end = data[1:] + bytes([end]), 0
-        if self.faults.take(BLOCK_SPOILT):
+        if self.faults.take("scpi.block_spoilt"):
             data = bytes([data[0] ^ 0x10]) + data[1:]
         if end != ord("\n"):
             self._lose_track(tag, -160)
@@ -243,12 +237,12 @@ class ScpiModulatorTwin(SerialTwin):
         return self._commands[head](argument)
 
     def _answer(self, tag: int | None, about: str, action: Callable[[], str | None]) -> None:
-        if self.faults.take(RESTARTS, about):
+        if self.faults.take("scpi.restarts", about):
             self._restart()
-        if self.faults.take(FAULTY, about):
+        if self.faults.take("scpi.fault", about):
             self.fault = "over-temperature"
         try:
-            refusal = self.faults.take(REFUSES, about)
+            refusal = self.faults.take("scpi.refuses", about)
             if refusal:
                 raise CommandError(int(refusal.value) or -200)
             body = action()

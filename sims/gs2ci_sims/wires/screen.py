@@ -16,13 +16,9 @@ import numpy as np
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci_drivers.ports import ScreenOutput
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.panel import transmissions
 from gs2ci_sims.world import World
-
-UNPLUGGED = declare("screen.unplugged", "the display is unplugged (ENODEV)")
-DOUBLED = declare("screen.doubled", "a picture is shown for two refreshes")
-DROPPED = declare("screen.dropped", "two pictures are taken within one refresh: the first is never shown")
 
 TOP = 255
 FULL = 0xFFFF
@@ -91,7 +87,7 @@ class ScreenTwin:
             OSError: ENODEV if it is not plugged in.
         """
         del name
-        if self.faults.take(UNPLUGGED, "open"):
+        if self.faults.take("screen.unplugged", "open"):
             self.unplug()
         if not self._plugged:
             raise OSError(ENODEV, "no video output; there are: none")
@@ -100,16 +96,16 @@ class ScreenTwin:
 
     def flip(self, levels: U8) -> int:
         """Take a picture at the next refresh and return the time of that refresh."""
-        if self.faults.take(UNPLUGGED, "flip"):
+        if self.faults.take("screen.unplugged", "flip"):
             self.unplug()
         if not self._plugged or not self._opened:
             raise OSError(ENODEV, "the video output is gone")
         period_s = 1 / self.output.refresh_hz
         now_s = self._clock.now_s()
         following = floor(now_s / period_s + 1e-6) + 1
-        if self.faults.take(DOUBLED):
+        if self.faults.take("screen.doubled"):
             following += 1
-        if self.faults.take(DROPPED):
+        if self.faults.take("screen.dropped"):
             following = floor(now_s / period_s + 1e-6)
         due_s = following * period_s
         picture = self._passes[levels]

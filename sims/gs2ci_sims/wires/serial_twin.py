@@ -9,23 +9,9 @@ Here: the byte level. Not here: the protocols. `gs2ci.rig` and tests call `open`
 from abc import abstractmethod
 from errno import EIO
 
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.plugged import Plugged, Session
 from gs2ci_sims.world import VirtualClock
-
-REPLY_LOST = declare("serial.reply_lost", "a reply is never sent")
-REPLY_LATE = declare("serial.reply_late", "a reply comes `value` seconds late, after its deadline")
-REPLY_TWICE = declare("serial.reply_twice", "a reply is sent twice")
-REPLY_SPOILT = declare("serial.reply_spoilt", "one bit of a reply is flipped on the line")
-REPLY_CUT = declare("serial.reply_cut", "a reply ends in the middle, without its line end")
-REPLY_IN_PIECES = declare("serial.reply_in_pieces", "a reply comes byte by byte, 2 ms apart")
-REPLIES_JOINED = declare("serial.replies_joined", "a reply is held back and comes in one piece with the next one")
-NOISE = declare("serial.noise", "0x00 and 0xFF bytes before a reply")
-BABBLE = declare("serial.babble", "600 bytes of noise without a line end before a reply")
-REQUEST_LOST = declare("serial.request_lost", "a request never reaches the device")
-WRITE_STUCK = declare("serial.write_stuck", "the line takes no bytes: write timeout")
-UNPLUGGED = declare("serial.unplugged", "the port disappears (EIO, then ENODEV) until plugged in again")
-STALE = declare("serial.stale", "an answer of an earlier session waits on the line when it is opened")
 
 REPLY_LATENCY_S = 1.5e-3
 # So much of what is written tells which request it is; pictures follow theirs.
@@ -52,7 +38,7 @@ class SerialTwin(Plugged["SerialSession"]):
         self._line_free_s = 0.0
 
     def _begin_session(self) -> "SerialSession":
-        self._outgoing = self._stale() if self.faults.take(STALE) else b""
+        self._outgoing = self._stale() if self.faults.take("serial.stale") else b""
         return SerialSession(self)
 
     def _lose(self) -> None:
@@ -82,27 +68,27 @@ class SerialTwin(Plugged["SerialSession"]):
     def _reply(self, data: bytes, about: str = "", delay_s: float = REPLY_LATENCY_S) -> None:
         """Send bytes to the host, with the faults of the line."""
         take = self.faults.take
-        if take(REPLY_LOST, about):
+        if take("serial.reply_lost", about):
             return
-        late = take(REPLY_LATE, about)
+        late = take("serial.reply_late", about)
         if late:
             delay_s += late.value or 1.0
-        if take(REPLY_SPOILT, about):
+        if take("serial.reply_spoilt", about):
             middle = len(data) // 2
             data = data[:middle] + bytes([data[middle] ^ 0x01]) + data[middle + 1 :]
-        if take(REPLY_CUT, about):
+        if take("serial.reply_cut", about):
             data = data[: len(data) // 2]
-        if take(NOISE, about):
+        if take("serial.noise", about):
             data = b"\x00\xff\xff\x00" + data
-        if take(BABBLE, about):
+        if take("serial.babble", about):
             data = bytes(128 + i % 96 for i in range(600)) + data
-        if take(REPLY_TWICE, about):
+        if take("serial.reply_twice", about):
             data = data + data
-        if take(REPLIES_JOINED, about):
+        if take("serial.replies_joined", about):
             self._held += data
             return
         data, self._held = self._held + data, b""
-        self._transmit(data, delay_s, in_pieces=take(REPLY_IN_PIECES, about) is not None)
+        self._transmit(data, delay_s, in_pieces=take("serial.reply_in_pieces", about) is not None)
 
     def _transmit(self, data: bytes, delay_s: float, *, in_pieces: bool = False) -> None:
         """Put bytes on the line at its rate."""
@@ -132,7 +118,7 @@ class SerialTwin(Plugged["SerialSession"]):
                 self._incoming += data[i : i + 1]
                 continue
             line, self._incoming = self._incoming, b""
-            if not self.faults.take(REQUEST_LOST, line.decode("ascii", "replace")):
+            if not self.faults.take("serial.request_lost", line.decode("ascii", "replace")):
                 self._line(line)
 
 
@@ -149,10 +135,10 @@ class SerialSession(Session[SerialTwin]):
         twin = self._twin
         self._require_alive()
         about = data[:_TOLD_BYTES].decode("ascii", "replace")
-        if twin.faults.take(UNPLUGGED, about):
+        if twin.faults.take("serial.unplugged", about):
             twin.unplug()
             raise OSError(EIO, "Input/output error")
-        if twin.faults.take(WRITE_STUCK, about):
+        if twin.faults.take("serial.write_stuck", about):
             twin.clock.sleep_s(timeout_s)
             raise TimeoutError("Write timeout")
         twin.clock.sleep_s(len(data) * twin._byte_s)

@@ -8,15 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
-from gs2ci.core.arrays import U16
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci.core.arrays import U16, Rng
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.world import Edge, Event, World
-
-TRIGGER_MISSED = declare("v4l2.trigger_missed", "the sensor does not see a trigger edge")
-TRIGGER_DOUBLED = declare("v4l2.trigger_doubled", "ringing on the line: the sensor exposes again after the frame")
-STALLED = declare("v4l2.stalled", "the sensor sends no more frames until it is stopped and started")
 
 
 class Shutting(Enum):
@@ -95,7 +89,7 @@ class CameraShutter:
         model: ShutterModel,
         faults: FaultSet,
         *,
-        rng: np.random.Generator,
+        rng: Rng,
         exposure_s: Callable[[], float],
         deliver: Callable[[Exposed], None],
         active_low: Callable[[], bool],
@@ -157,7 +151,7 @@ class CameraShutter:
     def _on_rise(self, when_s: float) -> None:
         if self._how not in (Shutting.EDGE, Shutting.LEVEL) or when_s < self._busy_until_s:
             return
-        if self._faults.take(TRIGGER_MISSED):
+        if self._faults.take("v4l2.trigger_missed"):
             return
         jitter_s = self._model.jitter_s * self._rng.standard_normal()
         start_s = when_s + self._delay_s() + max(0.0, self._model.latency_s + jitter_s)
@@ -166,13 +160,13 @@ class CameraShutter:
             return
         end_s = start_s + self._stretched(self._exposure_s()) + self._model.exposure_offset_s
         self._expose(start_s, end_s)
-        if self._faults.take(TRIGGER_DOUBLED):
+        if self._faults.take("v4l2.trigger_doubled"):
             self._expose(self._busy_until_s, self._busy_until_s + end_s - start_s)
 
     def _expose(self, start_s: float, end_s: float) -> None:
         read_s = end_s + self._model.readout_s
         self._busy_until_s = read_s
-        if self._stalled or self._faults.take(STALLED):
+        if self._stalled or self._faults.take("v4l2.stalled"):
             self._stalled = True
             return
         done_s = read_s + self._model.transfer_s

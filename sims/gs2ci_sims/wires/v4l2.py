@@ -16,19 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from gs2ci.core.arrays import Rng
 from gs2ci_drivers.ports import MappedMemory
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
 from gs2ci_sims.world import World
-
-UNPLUGGED = declare("v4l2.unplugged", "the camera disappears (ENODEV, POLLHUP) until plugged in again")
-CALL_FAILS = declare("v4l2.call_fails", "a system call fails with the errno `value`")
-WAKE_EMPTY = declare("v4l2.wake_empty", "poll announces a frame that does not exist")
-GAIN_LEFT = declare("v4l2.gain_left", "another program has left the analogue gain at `value`")
-PRIVATE_LEFT = declare("v4l2.private_left", "another program has left a private control at `value`")
-PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may not be written (EACCES)")
-PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
 
 _SIZE_MASK = 0x3FFF
 CALLS_KEPT = 10_000
@@ -54,7 +47,7 @@ class V4l2Twin:
         model: CameraModel | None = None,
         faults: FaultSet | None = None,
         *,
-        rng: np.random.Generator | None = None,
+        rng: Rng | None = None,
         path: str = "/dev/video0",
         subdevice: str = "/dev/v4l-subdev0",
     ) -> None:
@@ -107,7 +100,7 @@ class V4l2Twin:
         fd = next(self._descriptors)
         self._files[fd] = OpenFile(self._generation, self._nodes[path])
         self._device.opened(self._files[fd])
-        for fault, control in ((GAIN_LEFT, "Analogue Gain"), (PRIVATE_LEFT, "IO Mode")):
+        for fault, control in (("v4l2.gain_left", "Analogue Gain"), ("v4l2.private_left", "IO Mode")):
             left = self.faults.take(fault)
             if left is not None:
                 self._device.leave(control, int(left.value))
@@ -163,10 +156,10 @@ class V4l2Twin:
         file = self._files.get(fd)
         if file is None:
             return select.POLLNVAL
-        if self.faults.take(UNPLUGGED, "poll"):
+        if self.faults.take("v4l2.unplugged", "poll"):
             self.unplug()
         self._fail("poll")
-        if self.faults.take(WAKE_EMPTY):
+        if self.faults.take("v4l2.wake_empty"):
             return select.POLLIN
         self._clock.wait_until(lambda: self._ready(file) != 0, timeout_s)
         return self._ready(file) & (events | select.POLLERR | select.POLLHUP)
@@ -206,11 +199,11 @@ class V4l2Twin:
             OSError: ENOENT: no such file; EINVAL: no number; EACCES: injected.
         """
         self._require_parameter(path)
-        if self.faults.take(PARAMETER_DENIED):
+        if self.faults.take("v4l2.parameter_denied"):
             raise OSError(EACCES, "Permission denied", path)
         if not data.strip().isdigit():
             raise OSError(EINVAL, "Invalid argument", path)
-        if not self.faults.take(PARAMETER_IGNORED):
+        if not self.faults.take("v4l2.parameter_ignored"):
             self._device.parameter = data.strip()
 
     def _require_parameter(self, path: str) -> None:
@@ -227,13 +220,13 @@ class V4l2Twin:
         return file
 
     def _strike(self, name: str) -> None:
-        if self.faults.take(UNPLUGGED, name):
+        if self.faults.take("v4l2.unplugged", name):
             self.unplug()
             raise OSError(ENODEV, "No such device")
         self._fail(name)
 
     def _fail(self, name: str) -> None:
-        failing = self.faults.take(CALL_FAILS, name)
+        failing = self.faults.take("v4l2.call_fails", name)
         if failing is not None:
             raise OSError(int(failing.value), name)
 

@@ -15,10 +15,8 @@ from errno import EACCES, EBUSY, EFAULT, EINVAL, ERANGE
 import numpy as np
 
 from gs2ci.core.arrays import U16
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.v4l2_camera import CameraModel
-
-CONTROL_IGNORED = declare("v4l2.control_ignored", "the camera accepts a control's value and keeps the old one")
 
 NEXT_CONTROL = 0x80000000
 INTEGER, BOOLEAN, MENU, BUTTON, INTEGER64 = 1, 2, 3, 4, 5
@@ -213,7 +211,7 @@ class ControlBank:
         if control.cid == CID_TRIGGER_MODE and self._grabbed():
             raise no_such_value(EBUSY)
         value = control.rounded(value)
-        if control.kind != BUTTON and not self._faults.take(CONTROL_IGNORED, control.name):
+        if control.kind != BUTTON and not self._faults.take("v4l2.control_ignored", control.name):
             control.value = value
         if control.cid == CID_VBLANK:
             self._limit_exposure()

@@ -15,30 +15,13 @@ from functools import partial
 
 import numpy as np
 
-from gs2ci.core.arrays import U8, U16
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci.core.arrays import U8, U16, Rng
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting, by_rows
 from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, CameraModel, pack_frame
 from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
 from gs2ci_sims.wires.v4l2_queue import FLAG_ERROR, FLAG_LAST, FLAG_MONOTONIC, FLAG_START_STAMP, BufferRing, Filled
 from gs2ci_sims.world import World
-
-BUFFERS_FEWER = declare("v4l2.buffers_fewer", "the kernel gives `value` buffers only")
-SIZE_CHANGED = declare("v4l2.size_changed", "the kernel driver halves the requested rows")
-FORMAT_CHANGED = declare("v4l2.format_changed", "the kernel driver sets another pixel format")
-FIRST_NUMBER = declare("v4l2.first_number", "the first frame after a start has the number `value`")
-FRAME_DROPPED = declare("v4l2.frame_dropped", "a frame is exposed and lost in transfer (gap in the numbers)")
-FRAME_CORRUPT = declare("v4l2.frame_corrupt", "a frame is marked bad (V4L2_BUF_FLAG_ERROR)")
-FRAME_SHORT = declare("v4l2.frame_short", "a frame has half its bytes and no mark")
-FRAME_LATE = declare("v4l2.frame_late", "a frame comes `value` seconds late")
-FRAME_STALE = declare("v4l2.frame_stale", "a frame's time stamp is `value` seconds old")
-FRAME_REALTIME = declare("v4l2.frame_realtime", "a frame's time stamp is of CLOCK_REALTIME, flagged as monotonic")
-EXPOSED_SHORT = declare("v4l2.exposed_short", "an exposure lasts for a tenth of the time that is set")
-FRAME_REPEATED = declare("v4l2.frame_repeated", "the frame after this one has the same number")
-FRAME_NOISY = declare("v4l2.frame_noisy", "bits above the converter's are set in a frame")
-STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer fails instead of a frame (POLLERR, EIO)")
-STREAM_ENDED = declare("v4l2.stream_ended", "the camera ends the stream (LAST, then EPIPE)")
-SOURCE_CHANGED = declare("v4l2.source_changed", "the event SOURCE_CHANGE instead of a frame")
 
 CAP_CAPTURE, CAP_STREAMING, CAP_DEVICE = 0x1, 0x04000000, 0x80000000
 MAX_BUFFERS = 32
@@ -95,7 +78,7 @@ class CaptureDevice:
 
     _made_shutter, _made_ring, _made_bank = CameraShutter, BufferRing, ControlBank
 
-    def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: np.random.Generator) -> None:
+    def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: Rng) -> None:
         self.parameter = b"0"
         """The module's parameter `trigger_mode`; unplugging does not reset it."""
         self._world = world
@@ -169,7 +152,7 @@ class CaptureDevice:
         self._controls.leave(name, value)
 
     def _exposure_s(self) -> float:
-        short = self._faults.take(EXPOSED_SHORT)
+        short = self._faults.take("v4l2.exposed_short")
         return self._controls.exposure_s() * (1.0 if short is None else 0.1)
 
     def _table(self) -> dict[int, tuple[str, Handler]]:
@@ -260,9 +243,9 @@ class CaptureDevice:
         if self.ring.count or self.ring.streaming:
             raise OSError(EBUSY, "S_FMT")
         code, (height, width) = self._fitted(argument)
-        if self._faults.take(SIZE_CHANGED):
+        if self._faults.take("v4l2.size_changed"):
             height = max(4, height // 4 * 2)
-        if self._faults.take(FORMAT_CHANGED):
+        if self._faults.take("v4l2.format_changed"):
             code = next(other for other in self._model.formats if other != code)
         self._code, self._size = code, (height, width)
         if not self._model.on_subdevice:
@@ -295,7 +278,7 @@ class CaptureDevice:
 
     def _reqbufs(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
         self._own(file)
-        fewer = self._faults.take(BUFFERS_FEWER)
+        fewer = self._faults.take("v4l2.buffers_fewer")
         most = MAX_BUFFERS if fewer is None else int(fewer.value)
         self.ring.request(argument, self._model.stride(self._code, self._size[1]) * self._size[0], most)
         self._owner = file if self.ring.count else None
@@ -314,7 +297,7 @@ class CaptureDevice:
         if self._model.on_subdevice and self._bus_size != self._size:
             raise OSError(EPIPE, "the formats along the pipeline differ")
         self.ring.start()
-        first = self._faults.take(FIRST_NUMBER)
+        first = self._faults.take("v4l2.first_number")
         self._number = self._first_number() if first is None else int(first.value)
         self._shutter.start(self._rule())
 
@@ -365,17 +348,17 @@ class CaptureDevice:
     def _on_frame(self, exposed: Exposed) -> None:
         """Process a frame that has been read out; it is counted even if it does not reach a buffer."""
         number, self._number = self._number, (self._number + 1) % (1 << 32)
-        if self._faults.take(SOURCE_CHANGED):
+        if self._faults.take("v4l2.source_changed"):
             for file in self._files:
                 if EVENT_SOURCE in file.subscribed:
                     file.events.append(EVENT_SOURCE)
             return
-        if self._faults.take(STREAM_BROKEN):
+        if self._faults.take("v4l2.stream_broken"):
             self.ring.broken = True
             return
-        if self._faults.take(FRAME_DROPPED):
+        if self._faults.take("v4l2.frame_dropped"):
             return
-        late = self._faults.take(FRAME_LATE)
+        late = self._faults.take("v4l2.frame_late")
         if late is None:
             self._hand_over(exposed, number, self._runs)
         else:
@@ -387,13 +370,13 @@ class CaptureDevice:
             return  # without a buffer the light of the frame need not be computed
         data = self._picture(exposed)
         filled = Filled(data.size, self._flags(), self._stamp_ns(exposed), number)
-        if self._faults.take(FRAME_CORRUPT):
+        if self._faults.take("v4l2.frame_corrupt"):
             filled.flags |= FLAG_ERROR
-        if self._faults.take(FRAME_SHORT):
+        if self._faults.take("v4l2.frame_short"):
             filled.bytes_used = data.size // 2
-        if self._faults.take(STREAM_ENDED):
+        if self._faults.take("v4l2.stream_ended"):
             filled.flags, filled.bytes_used, self.ring.ended = filled.flags | FLAG_LAST, 0, True
-        if self._faults.take(FRAME_REPEATED):
+        if self._faults.take("v4l2.frame_repeated"):
             self._number = number
         self.ring.fill(data, filled)
 
@@ -401,10 +384,10 @@ class CaptureDevice:
         return FLAG_MONOTONIC | (FLAG_START_STAMP if self._model.flags_start else 0)
 
     def _stamp_ns(self, exposed: Exposed) -> int:
-        stale = self._faults.take(FRAME_STALE)
+        stale = self._faults.take("v4l2.frame_stale")
         times_s = {"start-of-exposure": exposed.start_s, "start-of-frame": exposed.end_s}
         when_s = times_s.get(self._model.stamps, self._world.clock.now_s())
-        if self._faults.take(FRAME_REALTIME):
+        if self._faults.take("v4l2.frame_realtime"):
             when_s += REALTIME_S
         return round((when_s - (stale.value if stale else 0.0)) * 1e9)
 
@@ -415,7 +398,7 @@ class CaptureDevice:
         pixels = by_rows(exposed, height * self._model.line_s if self._model.rolls else 0.0, height, integrate)
         pixels = self._controls.process(pixels, (1 << bits) - 1)
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
-        if self._faults.take(FRAME_NOISY) and words and BITS[self._code] < 16:
+        if self._faults.take("v4l2.frame_noisy") and words and BITS[self._code] < 16:
             pixels = pixels | np.uint16(1 << 15)
         return self._packed(pixels)
 

@@ -17,28 +17,10 @@ from typing import Any
 
 from gs2ci.core.mechanics import Mechanics
 from gs2ci_sims.axis_motion import AxisMotion
-from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.disturbed import Disturbances
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import VirtualClock, World
-
-STALL = declare("zaber.stall", "the axis stalls after the share `value` (0: half) of its next move: FS")
-RECOVERS = declare("zaber.recovers", "the axis stalls half-way for `value` s (0: 0.05), recovers and arrives: WS")
-LIMIT = declare("zaber.limit", "the axis hits a limit switch after half of its next move: FE and WL")
-EMERGENCY_STOP = declare("zaber.emergency_stop", "emergency stop after half of the next move: FH")
-SUPPLY = declare("zaber.supply", "supply voltage fails after half of the next move: FV, driver disabled")
-PRE_EMPTED = declare("zaber.pre_empted", "somebody turns the knob during the next move: NC, motion ends early")
-POWER_CYCLE = declare("zaber.power_cycle", "the device loses power after half of the next move: reference lost")
-SLIP = declare("zaber.slip", "the next move ends `value` mm (0: 0.1) short of its target without any flag")
-NEVER_IDLE = declare("zaber.never_idle", "the device reports BUSY for `value` seconds (0: an hour) after a move")
-REJECT = declare("zaber.reject", "a command is rejected with AGAIN")
-BAD_DATA = declare("zaber.bad_data", "a command is rejected with BADDATA")
-DRIVER_DISABLED = declare("zaber.driver_disabled", "the motor driver is off (FO): moves rejected")
-BAD_CHECKSUM = declare("zaber.bad_checksum", "a reply carries a wrong checksum")
-WRONG_ADDRESS = declare("zaber.wrong_address", "a reply comes from another device's address")
-WRONG_ID = declare("zaber.wrong_id", "a reply carries another request's id")
-ALERT = declare("zaber.alert", "an alert comes before a reply")
-ALERT_INSIDE = declare("zaber.alert_inside", "an alert comes in the middle of a reply's line")
 
 PRIORITY = ("FF", "FH", "FV", "FC", "FM", "FD", "FO", "FQ", "FE", "FS", "WR", "WH", "WL", "WS", "WM", "NI", "NC")
 SPEED_SCALE = 1.6384
@@ -183,7 +165,7 @@ class ZaberTwin(SerialTwin):
             raise _RejectedError("BADAXIS")
         if not words:
             return "0"
-        for fault, rejection in ((REJECT, "AGAIN"), (BAD_DATA, "BADDATA")):
+        for fault, rejection in (("zaber.reject", "AGAIN"), ("zaber.bad_data", "BADDATA")):
             if self.faults.take(fault, text):
                 raise _RejectedError(rejection)
         handler = getattr(self, f"_do_{words[0]}", None)
@@ -193,18 +175,18 @@ class ZaberTwin(SerialTwin):
 
     def _send(self, number: int, message_id: int | None, text: str, *, accepted: bool, data: str) -> None:
         take = self.faults.take
-        address = self._address + 1 if take(WRONG_ADDRESS, text) else self._address
-        if message_id is not None and take(WRONG_ID, text):
+        address = self._address + 1 if take("zaber.wrong_address", text) else self._address
+        if message_id is not None and take("zaber.wrong_id", text):
             message_id = (message_id + 50) % 100
         marked = "" if message_id is None else f" {message_id:02d}"
         result = f"{'OK' if accepted else 'RJ'} {'BUSY' if self._busy() else 'IDLE'} {self._warning(number)}"
         line = self._framed("@", f"{address:02d} {number}{marked} {result} {data}")
-        if self._replies_checked and take(BAD_CHECKSUM, text):
+        if self._replies_checked and take("zaber.bad_checksum", text):
             line = line[:-4] + (b"00" if line[-4:-2] != b"00" else b"01") + b"\r\n"
         alert = self._framed("!", f"{self._address:02d} 1 IDLE {self._warning(1)}")
-        if take(ALERT, text):
+        if take("zaber.alert", text):
             line = alert + line
-        if take(ALERT_INSIDE, text):
+        if take("zaber.alert_inside", text):
             line = line[: len(line) // 2] + alert + line[len(line) // 2 :]
         self._reply(line, text)
 
@@ -356,7 +338,7 @@ class ZaberTwin(SerialTwin):
         if not built.min_steps <= target <= built.max_steps:
             raise _RejectedError("BADDATA")
         target_mm = target * built.microstep_mm
-        slip = self.faults.take(SLIP, kind)
+        slip = self.faults.take("zaber.slip", kind)
         if slip:
             target_mm -= slip.value or 0.1
         if speed is not None and not 1 <= speed <= axis.max_speed:
@@ -369,23 +351,23 @@ class ZaberTwin(SerialTwin):
         """Schedule the faults of this move."""
         take, halfway_s = self.faults.take, (now_s + ends_s) / 2
         self._generation += 1
-        if stall := take(STALL, about):
+        if stall := take("zaber.stall", about):
             share = stall.value or 0.5
             self._schedule_end(now_s + share * (ends_s - now_s), [axis], "FS")
-        if stall := take(RECOVERS, about):
+        if stall := take("zaber.recovers", about):
             self.disturbances.add(0.5, pause_s=stall.value or 0.05)
             self.clock.at(halfway_s, lambda: axis.flags.add("WS"))
-        if take(LIMIT, about):
+        if take("zaber.limit", about):
             self._schedule_end(halfway_s, [axis], "FE", "WL")
-        if take(EMERGENCY_STOP, about):
+        if take("zaber.emergency_stop", about):
             self._schedule_end(halfway_s, self._axes, "FH")
-        if take(SUPPLY, about):
+        if take("zaber.supply", about):
             self._schedule_end(halfway_s, self._axes, "FV", "FD")
-        if take(PRE_EMPTED, about):
+        if take("zaber.pre_empted", about):
             self._schedule_end(halfway_s, [axis], "NC")
-        if take(POWER_CYCLE, about):
+        if take("zaber.power_cycle", about):
             self.clock.at(halfway_s, self.power_cycle)
-        if forever := take(NEVER_IDLE, about):
+        if forever := take("zaber.never_idle", about):
             self._busy_until_s = ends_s + (forever.value or 3600.0)
 
     def _schedule_end(self, when_s: float, axes: Sequence[_Axis], *flags: str) -> None:
@@ -403,7 +385,7 @@ class ZaberTwin(SerialTwin):
             axis.motion.halt(self.clock.now_s())
 
     def _need_driver(self, number: int) -> None:
-        if self.faults.take(DRIVER_DISABLED):
+        if self.faults.take("zaber.driver_disabled"):
             for axis in self._chosen(number):
                 axis.flags.add("FO")
         if any(axis.flags & {"FO", "FD", "FV"} for axis in self._chosen(number)):

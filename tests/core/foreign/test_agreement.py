@@ -25,6 +25,13 @@ def test_turned_masks_are_found_out_and_passed_on(scene, take, said, turn, word)
     assert said(imported, "the registration of `gs2ci reconstruct` corrects this")
 
 
+def test_light_where_turned_masks_are_closed_is_no_offset(scene, take, said):
+    made = scene(n=5, height=48, width=48)
+    assert not said(take(meas=made.meas, mask=made.masks[:, ::-1]), "pixels that no mask opens read")
+    lifted = take(ImportOptions(scale=1.0), meas=made.meas + 0.3, mask=made.masks[:, ::-1])
+    assert said(lifted, "pixels that no mask opens read 0.3 ")
+
+
 @pytest.mark.parametrize("moved", [(0, 3), (-5, 0), (4, -7)])
 def test_moved_masks_are_found_out_and_passed_on(scene, take, said, moved):
     made = scene(n=5, height=48, width=64)
@@ -34,7 +41,9 @@ def test_moved_masks_are_found_out_and_passed_on(scene, take, said, moved):
 
 def test_masks_of_another_measurement_are_doubted(scene, take, said):
     made, other = scene(height=60, width=60), scene(height=60, width=60, seed=9)
-    assert said(take(ImportOptions(scale=1.0), meas=made.meas, mask=other.masks), "no trace of these masks")
+    imported = take(ImportOptions(scale=1.0), meas=made.meas, mask=other.masks)
+    assert said(imported, "no trace of these masks")
+    assert not said(imported, "pixels that no mask opens read")
 
 
 def test_a_lamp_that_outshines_the_scene_does_not_hide_the_pattern_of_the_masks(scene, take, said):

@@ -149,6 +149,26 @@ def test_a_trajectory_of_tum_is_taken_with_its_turns(tmp_path, head):
     assert any("TUM's: time, place and quaternion" in guess for guess in guesses)
 
 
+@pytest.mark.parametrize(
+    ("names", "order"),
+    [
+        ("t,tx,ty,tz,qw,qx,qy,qz", (0, 1, 2, 3, 7, 4, 5, 6)),
+        (
+            "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []",
+            (0, 1, 2, 3, 7, 4, 5, 6),
+        ),
+        ("quat_x,quat_y,quat_z,quat_w,pos_x,pos_y,pos_z", (4, 5, 6, 7, 1, 2, 3)),
+    ],
+    ids=["COLMAP's order", "EuRoC's", "no time, places last"],
+)
+def test_the_columns_of_a_trajectory_are_taken_by_their_names(tmp_path, names, order):
+    half = np.sqrt(0.5)
+    rows_ = np.array([[k, *place, 0, half, 0, half] for k, place in enumerate(PLACES)])
+    given = stage_poses(log(tmp_path, names + "\n" + rows(rows_[:, order], ",", "{:.9g}")), USUAL_WAYS, [])
+    assert np.allclose(centres(given), PLACES)
+    assert np.allclose(given.values[0, :3, :3], [[0, 0, -1], [0, 1, 0], [1, 0, 0]])
+
+
 def test_eight_named_columns_are_no_trajectory(tmp_path):
     text = "n,t,x_mm,y_mm,z_mm,a,b,c\n" + rows([[k, k, *place, 1, 1, 1] for k, place in enumerate(PLACES)])
     assert np.allclose(centres(stage_poses(log(tmp_path, text), USUAL_WAYS, [])), PLACES)

@@ -54,6 +54,7 @@ def test_a_wrong_index_says_which_are_allowed(path):
     ("schema", "message"),
     [
         ("gs2ci.capture/2", "newer gs2ci"),
+        ("gs2ci.calibration/1", "it is a calibration"),
         ("nexus", "gs2ci import"),
         (None, "not a gs2ci capture"),
         ([1, 2], "single value"),

@@ -308,6 +308,30 @@ def test_numbers_of_sixteen_bits_begin_again_at_one():
     assert one.sensor.read(0.5).sequence == 65_537
 
 
+def test_frames_that_are_lost_where_numbers_of_sixteen_bits_begin_again_are_counted():
+    one = bench()
+    one.start()
+    one.twin._frames = 65_532
+    one.sensor._checks._next = 65_533
+    one.sensor._checks.frame_index = 65_532
+    one.faults.inject("genicam.frame_lost", skip=1, times=4)
+    one.pulse(7)
+    assert one.sensor.read(0.5).sequence == 65_532
+    with pytest.raises(FrameLostError, match=r"4 frame\(s\) lost from frame 65533"):
+        one.sensor.read(0.5)
+    assert [one.sensor.read(0.5).sequence for _ in range(2)] == [65_537, 65_538]
+
+
+def test_a_number_that_comes_again_is_no_new_beginning():
+    one = bench()
+    one.start()
+    one.twin._frames = 65_532
+    one.sensor._checks._next = 65_535
+    one.pulse()
+    with pytest.raises(FrameCorruptError):
+        one.sensor.read(0.5)
+
+
 def test_frames_for_which_no_buffer_is_free_are_lost_by_name():
     one = bench()
     one.start(buffers=2)

@@ -1,5 +1,7 @@
 """What GRBL controllers do where one would guess otherwise: each case of `manners/grbl.toml` and its neighbours."""
 
+from dataclasses import replace
+
 import pytest
 
 from gs2ci.core.mechanics import Mechanics
@@ -445,6 +447,33 @@ def test_a_fluidnc_controller_with_one_axis_is_a_stage():
     assert stage.move_to({"x": -97.0})["x"] == pytest.approx(-97.0)
     with pytest.raises(BadReplyError, match=r"setting \$100 is missing|not positive"):
         opened_again(stage, twin, clock, ("y",)).connect()
+
+
+WORDS = {
+    3: "Invalid $ statement",
+    8: "Command requires idle state",
+    9: "GCode cannot be executed in lock or alarm state",
+    15: "Max travel exceeded during jog",
+}
+
+
+def test_a_fluidnc_controller_that_words_its_errors_is_understood():
+    build = replace(FLUIDNC, words=WORDS)
+    _, twin, stage = make(OddMachine(build=build))
+    stage.connect()
+    twin._settings[130] = 50.0  # since it was connected: beyond the travel that the session knows
+    with pytest.raises(RefusedError) as caught:
+        stage.move_to({"x": -97.0})
+    assert caught.value.code == "error:15"
+    assert stage.status().referenced  # none of these words is taken for the greeting of a restart
+
+
+def test_an_error_in_words_that_are_not_known_is_told_as_it_came():
+    _, twin, stage = make(OddMachine(build=replace(FLUIDNC, words={20: "Unsupported GCode command"})))
+    stage.connect()
+    twin.faults.inject("grbl.error", about="$J")
+    with pytest.raises(RefusedError, match="error:Unsupported GCode command"):
+        stage.move_to({"x": -97.0})
 
 
 def opened_again(stage, twin, clock, axes):

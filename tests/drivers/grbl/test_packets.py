@@ -70,6 +70,8 @@ def test_settings_codes_and_banners_of_the_manual_are_read():
     assert parse_setting("$$=1") is None
     assert parse_code("error:15") == ("error", 15)
     assert parse_code("ALARM:1") == ("ALARM", 1)
+    assert parse_code("error:Max travel exceeded during jog") == ("error", 15)
+    assert parse_code("error:") == ("error", 0)
     assert parse_code("ok") is None
     assert is_banner("Grbl 1.1h ['$' for help]")
     assert not is_banner("[MSG:'$H'|'$X' to unlock]")

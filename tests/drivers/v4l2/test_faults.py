@@ -30,7 +30,7 @@ from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.node import Dequeued, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.streaming import BufferQueue
-from gs2ci_sims.faults import known
+from gs2ci_sims.faults import KNOWN
 
 Build = Callable[..., Any]
 TIMEOUT_S = 0.25
@@ -346,7 +346,7 @@ def test_an_exposure_that_the_camera_ignores_is_seen_in_the_settings(bench: Buil
 def test_every_fault_of_the_twin_has_a_test() -> None:
     whole_captures = Path(__file__).parents[2] / "system" / "fault_cases.csv"
     text = "".join(path.read_text() for path in (*Path(__file__).parent.glob("test_*.py"), whole_captures))
-    assert [kind.name for kind in known() if kind.name.startswith("v4l2.") and kind.name not in text] == []
+    assert [name for name in KNOWN if name.startswith("v4l2.") and name not in text] == []
 
 
 # ---- fuzz
@@ -478,10 +478,11 @@ def test_a_sensor_that_settles_on_another_bus_format_is_refused(bench: Build, mo
     b.sensor.connect()
     call = VideoNode.call
 
-    def settled(node: VideoNode, request: int, argument: bytearray, *others: Any) -> None:
-        call(node, request, argument, *others)
+    def settled(node: VideoNode, request: int, argument: bytearray, *others: Any, **named: Any) -> bool:
+        answered = call(node, request, argument, *others, **named)
         if request == abi.SUBDEV_S_FMT:
             abi.SubdevFormat.from_buffer(argument).format.code = 0x1234
+        return answered
 
     monkeypatch.setattr(VideoNode, "call", settled)
     with pytest.raises(RefusedError, match=r"refused with 0x1234.*settled on another bus format"):

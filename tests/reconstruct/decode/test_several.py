@@ -8,8 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
-from gs2ci.reconstruct.decode.several import turned
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play, turned
 
 VIEWS, SIZE = 4, (20, 24)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gs2ci.reconstruct.exposures.agreement import confirmed, disagreeing, displacements_px
+from gs2ci.reconstruct.exposures.places import confirmed, disagreeing, displacements_px
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Ties
 from tests.reconstruct.exposures.rooms import PLACES, UNITS, exposure, truly

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gs2ci.reconstruct.exposures.orders import turn_the_wrong
+from gs2ci.reconstruct.exposures.tie import turn_the_wrong
 from tests.reconstruct.exposures.rooms import exposure, middle
 
 

@@ -11,8 +11,8 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.exposures import packing
-from gs2ci.reconstruct.exposures.packing import UnreadableError, key_of, packed, unpacked
+from gs2ci.reconstruct.exposures import unfinished as packing
+from gs2ci.reconstruct.exposures.unfinished import UnreadableError, key_of, packed, unpacked
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.presets.named import preset

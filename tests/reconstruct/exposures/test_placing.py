@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.exposures.placing import by_stage, first_of_all, moved, placed
+from gs2ci.reconstruct.exposures.observing import by_stage, first_of_all, moved, placed
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.fit.scene.start import round_gaussians
 from gs2ci.reconstruct.geometry.initialise import Geometry

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from gs2ci.reconstruct.exposures.schedule import shared_schedule
+from gs2ci.reconstruct.exposures.joint import shared_schedule
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.lens import distorted, slopes_of
-from gs2ci.reconstruct.exposures.seen_alone import ViewsTogether, seen_alone
+from gs2ci.reconstruct.exposures.merging import ViewsTogether, seen_alone
 
 SIZE = (48, 64)
 FOCAL_PX = 60.0

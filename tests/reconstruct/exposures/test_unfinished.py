@@ -15,8 +15,7 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.exposures import joint, unfinished
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
-from gs2ci.reconstruct.exposures.packing import key_of
-from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of, key_of_run
+from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of, key_of, key_of_run
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from tests.exposed_rooms import adjacent, room

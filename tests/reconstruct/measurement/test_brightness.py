@@ -17,6 +17,8 @@ from gs2ci.reconstruct.measurement.brightness import (
     relit,
 )
 from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.render.places import working_on
+from tests.render.pretended_card import CARD, pretended_card
 
 SIZE = (40, 48)
 LIGHT = np.array([0.7, 1.0, 1.3, 1.1, 0.9])
@@ -296,3 +298,23 @@ def test_predictions_that_are_displaced_do_not_make_the_sharp_one_brighter(light
     found = estimate(holdout_of(shot), carried)
     assert np.abs(found.found - light).max() < 0.06
     assert found.is_sure(SETTINGS) == (light.min() < 1)
+
+
+@pytest.mark.parametrize("cfa", [None, "RGGB"])
+def test_a_card_estimates_what_the_host_does_with_the_same_bits_twice(cfa):
+    pytest.importorskip("warp", reason="Warp is not installed")
+    views = views_of()
+    shot = shot_of(views, noise=0.01, saturated=np.arange(SIZE[0] * SIZE[1]).reshape(SIZE) % 7 == 0)
+    if cfa is not None:
+        shot = replace(shot, measurement=shot.measurement[..., 1:2], cfa=cfa)
+    holdout = holdout_of(shot)
+    here = estimate(holdout, views)
+    with pretended_card() as card, working_on(CARD):
+        there, again = estimate(holdout, views), estimate(holdout, views)
+    assert card.of_floats["matmul"]
+    np.testing.assert_allclose(there.found, here.found, rtol=1e-12)
+    np.testing.assert_allclose(there.errors, here.errors, rtol=1e-9)
+    assert there.gain == pytest.approx(here.gain, abs=1e-12)
+    assert there.gain == again.gain
+    assert np.array_equal(there.found, again.found)
+    assert np.array_equal(there.errors, again.errors)

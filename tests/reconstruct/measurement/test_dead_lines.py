@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.measurement.coding import without_pixels
-from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
+from gs2ci.reconstruct.measurement.faulty import close_dead_lines
 
 
 def with_lines(shot, rows=(), columns=(), reading=0.0):

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.measurement.holes import fill_holes
+from gs2ci.reconstruct.measurement.faulty import fill_holes
 
 
 def with_hole(shot):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
+from gs2ci.reconstruct.measurement.faulty import close_hot_pixels
 
 HOT = ((3, 4), (10, 11), (10, 12), (31, 39))
 

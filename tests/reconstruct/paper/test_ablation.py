@@ -6,8 +6,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.withheld import Withheld
-from gs2ci.reconstruct.paper.ablation import COMPONENTS, without
-from gs2ci.reconstruct.paper.preset import paper_settings
+from gs2ci.reconstruct.paper.preset import COMPONENTS, paper_settings, without
 from gs2ci.reconstruct.settings import Settings
 
 CHANGED = {

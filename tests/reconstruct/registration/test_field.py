@@ -8,12 +8,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.reconstruct.registration.coarse import Peak, Tile, find_tiles, fine_pattern
-from gs2ci.reconstruct.registration.field import _by_tiles, _let_in, _predicts_better, bent_px, find_field
 from gs2ci.reconstruct.registration.fine import MisfitEstimate, Problem, _jacobian
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.parameters import FIELD, LOW
 from gs2ci.reconstruct.registration.placement import Placement
+from gs2ci.reconstruct.registration.proposals import _by_tiles, _let_in, _predicts_better, bent_px, find_field
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.registration.widening import MaskSum
 from tests.reconstruct.registration.warps import bent, blurred, warped

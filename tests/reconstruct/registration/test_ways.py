@@ -9,8 +9,7 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.rim import Rim
-from gs2ci.reconstruct.registration.ways import Way, chosen, way_of
+from gs2ci.reconstruct.registration.ways import Rim, Way, chosen, way_of
 
 VIEWS = 8
 

@@ -54,7 +54,7 @@ def test_the_error_of_a_path_is_that_of_who_judged_it(asked, error, turn):
     found = known(**asked)
     assert found.errors.share == pytest.approx(error)
     assert found.errors.turn == turn
-    assert found.spread is None
+    assert found.spread == 0
 
 
 def test_of_several_fits_the_spread_tells_and_halves_of_the_tracks_that_they_left_do_not():
@@ -66,4 +66,4 @@ def test_of_several_fits_the_spread_tells_and_halves_of_the_tracks_that_they_lef
     assert found.errors.turn == 0
     assert 0.003 < found.spread < 0.01
     assert found.errors.share == pytest.approx(found.spread / 0.2)
-    assert known(given=True, fits=(bent,)).spread is None
+    assert known(given=True, fits=(bent,)).spread == 0

@@ -54,11 +54,12 @@ def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_wit
     assert np.square(found[1]).mean() == pytest.approx(np.square(factors.turn * given[1]).mean() + 1e-6)
 
 
-def test_where_fits_differ_positions_err_by_that_and_by_the_turn_that_no_reading_shows():
+def test_positions_err_by_what_fits_differ_by_where_that_is_more_and_by_the_turn_that_no_reading_shows():
     poses, covariance = bent(), np.diag(np.linspace(1, 2, 42) * 1e-8)
-    one, several = (
-        errors_of_poses(covariance, poses, 2.0, (1e-3, 0.0), spread=spread, given=False) for spread in (None, 0.05)
+    one, alike, several = (
+        errors_of_poses(covariance, poses, 2.0, (1e-3, 0.0), spread=spread, given=False) for spread in (0.0, 1e-6, 0.05)
     )
+    assert np.array_equal(alike, one)
     assert np.square(several[0]).mean() == pytest.approx(0.05**2 + (factors.out_of_step * 2e-3) ** 2)
     assert np.argmax(several[0]) == np.argmax(one[0])
     assert np.array_equal(several[1], one[1])

@@ -14,9 +14,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, I32, Size
 from gs2ci.core.kernels import EXACT, f32, f32_3, f32_4, f32_5, helper, i32_3, i64, in_parts, kernel
 from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows_above, padded
 from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, put, store, sum_of_lanes, where_ge
@@ -27,7 +26,7 @@ _MOST_PARTS: Final = 16
 _BUFFER_BYTES: Final = 128 * 2**20
 
 
-def denoise_groups(planes: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32) -> F32:
+def denoise_groups(planes: F32, corners: I32, patch: Size, sigma: float, fallback: F32) -> F32:
     """Denoise the colour planes of views by the same groups of similar patches.
 
     Args:
@@ -53,7 +52,7 @@ def denoise_groups(planes: F32, corners: NDArray[np.int32], patch: tuple[int, in
     return denoised
 
 
-def patches_over(corners: NDArray[np.int32], patch: tuple[int, int], shape: tuple[int, ...]) -> F32:
+def patches_over(corners: I32, patch: Size, shape: tuple[int, ...]) -> F32:
     """Count the patches that contain each pixel, [N, H, W]."""
     numbers = np.bincount(np.ravel_multi_index(tuple(corners.reshape(-1, 3).T), shape), minlength=math.prod(shape))
     last = (patch[1] - 1, patch[0] - 1)
@@ -97,7 +96,7 @@ def _shrink_all(from_part, to_part, planes, corners, patch, sigma, sums):
 
 
 @helper(fastmath=EXACT)
-def _place(corners: NDArray[np.int32], group: int, member: int, height: int, width: int) -> int:
+def _place(corners: I32, group: int, member: int, height: int, width: int) -> int:
     """Return where the first pixel of a patch lies in a plane."""
     return (corners[group, member, 0] * height + corners[group, member, 1]) * width + corners[group, member, 2]
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt, PositiveInt
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, I32, Size
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
 from gs2ci.core.kernels import EXACT, f32_1, helper, i32_2, i32_3, i64, in_parts, kernel
@@ -19,7 +18,6 @@ from gs2ci.reconstruct.decode.patches.eigen import REORDERED
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.render.simd.vector import LANES, any_ge, broadcast, fused, get, load, store, where_ge
 
-_Corners = NDArray[np.int32]
 _FARTHEST: Final = np.float32(np.finfo(np.float32).max)
 # Reference views of each phase, by their number modulo the number of phases: far ones first.
 _ORDERS: Final = {1: (0,), 2: (0, 1), 3: (0, 2, 1), 4: (0, 2, 1, 3)}
@@ -71,16 +69,16 @@ class Lattice(Bounded):
         parts = self.parts(views)
         return range(_ORDERS[parts][phase], views, parts)
 
-    def window(self, at: int, views: int) -> tuple[int, int]:
+    def window(self, at: int, views: int) -> Size:
         """Get the first view that the groups of view `at` use, and how many they use."""
         count = min(self.views, views)
         return min(max(at - count // 2, 0), views - count), count
 
-    def patch(self, size: tuple[int, int]) -> tuple[int, int]:
+    def patch(self, size: Size) -> Size:
         """Get height and width of a patch in a picture of height and width `size`."""
         return min(self.patch_px, size[0]), min(self.patch_px, size[1])
 
-    def corners(self, phase: int, size: tuple[int, int]) -> _Corners:
+    def corners(self, phase: int, size: Size) -> I32:
         """Get the reference patches' upper left corners in each reference view, [G, 2]; they cover every pixel."""
         aside = self.step_px // 2
         starts = (aside * (phase in (1, 2)), aside * (phase in (1, 3)))
@@ -91,7 +89,7 @@ class Lattice(Bounded):
         return np.array([(row, column) for row in rows for column in columns], np.int32)
 
 
-def find_groups(guide: F32, flow: Flow, lattice: Lattice, phase: int) -> _Corners:
+def find_groups(guide: F32, flow: Flow, lattice: Lattice, phase: int) -> I32:
     """Find the groups of one phase of the lattice.
 
     Args:
@@ -117,7 +115,7 @@ def find_groups(guide: F32, flow: Flow, lattice: Lattice, phase: int) -> _Corner
     return np.concatenate(found)
 
 
-def _within_reach(size: tuple[int, int], patch: tuple[int, int], reach: int) -> int:
+def _within_reach(size: Size, patch: Size, reach: int) -> int:
     rows, columns = (min(2 * reach + 1, side - p + 1) for side, p in zip(size, patch, strict=True))
     return rows * columns
 
@@ -125,13 +123,13 @@ def _within_reach(size: tuple[int, int], patch: tuple[int, int], reach: int) -> 
 def match_patches(
     views: F32,
     at: int,
-    corners: _Corners,
-    around: _Corners,
+    corners: I32,
+    around: I32,
     first: int,
-    patch: tuple[int, int],
+    patch: Size,
     reach: int,
     each: int,
-) -> _Corners:
+) -> I32:
     """Find the patches most like each reference patch.
 
     Args:
@@ -191,7 +189,7 @@ def _compare(
     width: int,
     here: int,
     there: int,
-    patch: tuple[int, int],
+    patch: Size,
     rows: int,
     columns: int,
     unlike: F32,
@@ -225,7 +223,7 @@ def _compare(
 
 
 @helper(fastmath=EXACT)
-def _keep_least(unlike: F32, rows: int, across: int, least: F32, places: _Corners) -> None:
+def _keep_least(unlike: F32, rows: int, across: int, least: F32, places: I32) -> None:
     """Write row and column of the smallest numbers to `places`, after its first index, in ascending order."""
     each = least.shape[0]
     least[:] = _FARTHEST

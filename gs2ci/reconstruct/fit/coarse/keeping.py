@@ -11,7 +11,7 @@ from typing import Protocol
 from torch import Tensor
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.findings import Finding
+from gs2ci.core.findings import Finding, Findings
 from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
 from gs2ci.reconstruct.fit.optimiser.poses import PosesState
@@ -86,7 +86,7 @@ class KeptFit:
     best: Snapshot
     iteration: int
     stopped: Finding | None
-    notes: tuple[Finding, ...]
+    notes: Findings
     curve: tuple[CurvePoint, ...]
     watch: dict[str, float]
     damping: float

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
@@ -50,7 +50,7 @@ class CoarseFit:
     views: F32
     curve: tuple[CurvePoint, ...]
     stopped: Finding
-    notes: tuple[Finding, ...]
+    notes: Findings
     intrinsics: F64
     outside: Tensor | None = None
     beside: bool = False

@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.run_figures import EnsembleSection
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
@@ -188,7 +188,7 @@ class Ensemble:
     others: tuple[CoarseFit, ...] = ()
 
     @property
-    def notes(self) -> tuple[Finding, ...]:
+    def notes(self) -> Findings:
         """Get the findings of each fit, and whether their mean was rejected."""
         beside = (
             finding(Code.OF_ANOTHER_FIT, sentence=note.sentence, code=note.code)

@@ -21,12 +21,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.kernels import f64_3, i64, kernel
 
 # A series ends where its terms are below this.
 _LEAST_TERM: Final = 1e-17
-# Of larger turns, rad, doublings would leave few digits; only steps that explode make them.
-_MOST_TURNED: Final = 1e6
 _CROSSES: Final = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
 """The cross-product matrix of each axis, row by row."""
 
@@ -154,54 +151,23 @@ def _series(twists: F64) -> tuple[F64, F64]:
 
     Of turns beyond a radian, which no fit takes on purpose, those of a small part are doubled until they are whole.
     """
-    angle = float(np.linalg.norm(twists[:, 3:], axis=1).max())
-    if not np.isfinite(twists).all() or angle > _MOST_TURNED:
+    if not np.isfinite(twists).all():
         unknown = np.full((len(twists), 6, 6), np.nan)
         return unknown, unknown
+    angle = float(np.linalg.norm(twists[:, 3:], axis=1).max())
     doublings = max(0, math.frexp(angle)[1])
-    twists, angle = twists / 2**doublings, angle / 2**doublings
-    jacobian, adjoint = np.zeros((2, len(twists), 6, 6))
-    largest, terms = 1.0, 0
-    while largest > _LEAST_TERM:
-        terms += 1
-        largest = max(angle, _LEAST_TERM) ** (terms - 1) / math.factorial(terms - 1)
-    _sum_series(_crosses(twists[:, 3:]), _crosses(twists[:, :3]), terms, jacobian, adjoint)
+    small, power = np.zeros((2, len(twists), 6, 6))
+    small[:, :3, :3] = small[:, 3:, 3:] = _crosses(twists[:, 3:] / 2**doublings)
+    small[:, :3, 3:] = _crosses(twists[:, :3] / 2**doublings)
+    power[:] = np.eye(6)
+    jacobian, adjoint, terms = power.copy(), power.copy(), 1
+    while np.abs(power).max() > _LEAST_TERM:
+        power, terms = power @ small / terms, terms + 1
+        adjoint += power
+        jacobian += power / terms
     for _ in range(doublings):
         jacobian, adjoint = (jacobian + adjoint @ jacobian) / 2, adjoint @ adjoint
     return jacobian, adjoint
-
-
-@kernel(f64_3, f64_3, i64, f64_3, f64_3)
-def _sum_series(turning: F64, moving: F64, terms: int, jacobian: F64, adjoint: F64) -> None:
-    """Add so many terms of both series, beside the identity, to matrices of zeros, [V, 6, 6].
-
-    Args:
-        turning: The cross-product matrices of the twists' rotations, [V, 3, 3].
-        moving: Those of their translations.
-        terms: How many.
-        jacobian: Written.
-        adjoint: Written.
-    """
-    for v in range(len(turning)):
-        # The two blocks of a power, of which the lower left one is zero, and the lower right one as the upper left one.
-        power = np.zeros((2, 3, 3))
-        for i in range(3):
-            power[0, i, i] = 1
-        for k in range(terms + 1):
-            if k > 0:
-                before = power.copy()
-                for i in range(3):
-                    for j in range(3):
-                        turned, moved = 0.0, 0.0
-                        for m in range(3):
-                            turned += before[0, i, m] * turning[v, m, j]
-                            moved += before[0, i, m] * moving[v, m, j] + before[1, i, m] * turning[v, m, j]
-                        power[0, i, j], power[1, i, j] = turned / k, moved / k
-            for i in range(3):
-                for j in range(3):
-                    for row, column, block in ((i, j, 0), (i + 3, j + 3, 0), (i, j + 3, 1)):
-                        adjoint[v, row, column] += power[block, i, j]
-                        jacobian[v, row, column] += power[block, i, j] / (k + 1)
 
 
 def _transposed(matrices: F64, vectors: F64) -> F64:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 
 # With less motion, the band of frequencies that it removes is too narrow to test.
 _LEAST_PX: Final = 3.0
@@ -30,7 +30,7 @@ _LEAST_PLACES: Final = 16
 _SMEARED: Final = 0.35
 
 
-def smeared_views(views: F32, motion_px: F64) -> tuple[Finding, ...]:
+def smeared_views(views: F32, motion_px: F64) -> Findings:
     """Report views that hold little fine detail along the camera's motion within a mask.
 
     Args:

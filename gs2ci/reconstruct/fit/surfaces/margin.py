@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import PositiveInt
 from scipy.ndimage import distance_transform_edt
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import in_camera, in_world
 from gs2ci.core.config import Positive
@@ -117,7 +116,7 @@ class _Outside:
     """
 
     rays: F64
-    nearest: NDArray[np.int64]
+    nearest: I64
     near: Bool
     within: Bool
 
@@ -135,8 +134,8 @@ class _Frame:
 
     intrinsics: F64
     seen: Bool
-    border: NDArray[np.int64]
-    on_sensor: NDArray[np.int64]
+    border: I64
+    on_sensor: I64
 
     @classmethod
     def of(cls, renderer: ShotRenderer) -> "_Frame":
@@ -158,7 +157,7 @@ class _Frame:
         """Pick the border's pixels of pictures on the sensor, [K, H, W, ...]: [K, B, ...]."""
         return pictures[:, self.on_sensor[:, 0], self.on_sensor[:, 1]]
 
-    def rays(self, places: NDArray[np.int64]) -> F64:
+    def rays(self, places: I64) -> F64:
         """Return the rays of pixels, given as row and column, [P, 2]: [P, 3]."""
         return rays(places[:, ::-1].astype(np.float64) + 0.5, self.intrinsics)
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F32, F64, I32
+from gs2ci.core.arrays import F32, F64, I32, Size
 from gs2ci.core.kernels import EXACT, f32_1, f32_3, f64_4, helper, i64, i64_1, in_parts, kernel
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES, differ
 
@@ -35,9 +35,7 @@ _FAR = np.float32(1e9)
 
 
 @helper(fastmath=frozenset({"contract", "nsz"}))
-def _aim_pixel(
-    u: np.float32, v: np.float32, z: np.float32, size: tuple[int, int], c: int, corner: I32, aim: F32
-) -> None:
+def _aim_pixel(u: np.float32, v: np.float32, z: np.float32, size: Size, c: int, corner: I32, aim: F32) -> None:
     """Find the four pixels around (u, v) / z in a view of this height and width, and their weights; see `_aim_row`."""
     right, down = np.float32(size[1] - 1), np.float32(size[0] - 1)
     inverse_z = _ONE / max(z, LEAST_DEPTH)
@@ -54,7 +52,7 @@ def _aim_pixel(
 
 
 @helper(fastmath=frozenset({"contract", "nsz"}))
-def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: I32, aim: F32) -> None:
+def _aim_row(homography: F64, r: int, size: Size, corner: I32, aim: F32) -> None:
     """Find where a plane sends row r of the reference view in another view.
 
     Args:

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_camera, in_world
@@ -104,7 +103,7 @@ def _turns(world_to_camera: F64) -> F64:
     return angles
 
 
-def _spread(turns: NDArray[np.float64], first: int) -> list[int]:
+def _spread(turns: F64, first: int) -> list[int]:
     """Choose views, each the one farthest from those chosen before."""
     chosen = [first]
     while len(chosen) < min(_MOST_SWEPT, len(turns)):

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Size
 from gs2ci.core.cameras import relative_to
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 
 # With fewer views any turn is proportional to any travel.
 _LEAST_VIEWS: Final = 4
@@ -58,7 +58,7 @@ class Turning:
     ahead: float
 
 
-def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], reference: int) -> Turning | None:
+def turning(world_to_camera: F64, intrinsics: F64, size: Size, reference: int) -> Turning | None:
     """Relate turns across the line of sight to travel across it.
 
     Args:
@@ -92,9 +92,7 @@ def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], refere
     )
 
 
-def doubts_about_centre(
-    world_to_camera: F64, intrinsics: F64, inverse_depth: F32, reference: int
-) -> tuple[Finding, ...]:
+def doubts_about_centre(world_to_camera: F64, intrinsics: F64, inverse_depth: F32, reference: int) -> Findings:
     """Report that a principal point which moves with the camera would explain its turning as well; or nothing.
 
     Args:

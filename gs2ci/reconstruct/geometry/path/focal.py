@@ -9,9 +9,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Size
 from gs2ci.core.cameras import pinhole
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.reconstruct.geometry.path.motion import MotionSettings, adjust_both_ways
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
@@ -56,7 +56,7 @@ class Focal:
 
     intrinsics: F64
     source: str
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
 
 
 def focal_from_view_angle(angle_deg: float, width: int) -> float:
@@ -64,14 +64,14 @@ def focal_from_view_angle(angle_deg: float, width: int) -> float:
     return 0.5 * width / float(np.tan(np.radians(angle_deg) / 2))
 
 
-def default_focal(size: tuple[int, int], why: str, settings: FocalSettings) -> Focal:
+def default_focal(size: Size, why: str, settings: FocalSettings) -> Focal:
     """Return the default field of view and the reason for it."""
     note = finding(Code.FOCAL_ASSUMED, why=why, view_angle_deg=settings.default_deg)
     focal_px = focal_from_view_angle(settings.default_deg, size[1])
     return Focal(pinhole(focal_px, size), "default", (note,))
 
 
-def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSettings, motion: MotionSettings) -> Focal:
+def estimate_focal(tracks: Tracks, size: Size, settings: FocalSettings, motion: MotionSettings) -> Focal:
     """Find the focal length at which the tracks fit a rigid scene best.
 
     Args:

@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import F64, I64, Bool
+from gs2ci.core.arrays import F64, I64, Bool, Size
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError
 from gs2ci.reconstruct.geometry.path.motion import USUAL_MOTION, CameraMotion, MotionSettings, adjust, wander_px
@@ -57,7 +57,7 @@ def expected_path_error(
     motion: CameraMotion,
     tracks: Tracks,
     intrinsics: F64,
-    size: tuple[int, int],
+    size: Size,
     settings: MotionSettings = USUAL_MOTION,
 ) -> PathErrors | None:
     """Estimate the errors of a path that was adjusted to tracks, from the paths of halves of the tracks.
@@ -92,7 +92,7 @@ def times_better_foretold(
     adjusted: CameraMotion,
     tracks: Tracks,
     intrinsics: F64,
-    size: tuple[int, int],
+    size: Size,
     settings: MotionSettings = USUAL_MOTION,
 ) -> float:
     """Compare what given poses leave of tracks with what poses leave that were adjusted to the other half of them.
@@ -185,7 +185,7 @@ def _left(motion: CameraMotion, tracks: Tracks, intrinsics: F64, settings: Motio
     return wander_px(placed.errors_px, unknowns=1) ** 2
 
 
-def cells(tracks: Tracks, size: tuple[int, int]) -> I64:
+def cells(tracks: Tracks, size: Size) -> I64:
     """Number the cell of the reference view that each track starts in, [P]."""
     column, row = (tracks.positions[:, tracks.reference] / (size[1], size[0]) * CELLS).astype(np.int64).T
     return np.asarray(row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import Bool
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.arrays import Bool, Size
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.path.halves import CELLS, PathErrors, cells
 from gs2ci.reconstruct.geometry.path.motion import CameraMotion, wander_px
@@ -96,12 +96,12 @@ def supported_views(tracks: Tracks, criteria: Criteria) -> Bool:
     return supported
 
 
-def coverage(tracks: Tracks, size: tuple[int, int]) -> float:
+def coverage(tracks: Tracks, size: Size) -> float:
     """Get the share of an 8x8 grid over the reference view that holds a track."""
     return len(np.unique(cells(tracks, size))) / CELLS**2
 
 
-def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteria) -> tuple[Finding, ...]:
+def doubts_about_tracks(tracks: Tracks, size: Size, criteria: Criteria) -> Findings:
     """Return the reasons why these tracks cannot support any motion; none if they can."""
     doubts = []
     if len(tracks) < criteria.tracks:
@@ -137,7 +137,7 @@ def has_parallax(motion: CameraMotion, rotations: Rotations, criteria: Criteria)
 
 def classify_motion(
     candidates: int, tracks: Tracks, motion: CameraMotion, rotations: Rotations, criteria: Criteria
-) -> tuple[Verdict, tuple[Finding, ...]]:
+) -> tuple[Verdict, Findings]:
     """Decide whether the camera moved, only turned or stood still; give reasons for any verdict but "full".
 
     Args:
@@ -158,7 +158,7 @@ def classify_motion(
     return (Verdict.UNSUPPORTED if doubts else Verdict.FULL), doubts
 
 
-def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criteria: Criteria) -> tuple[Finding, ...]:
+def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criteria: Criteria) -> Findings:
     """Return how the tracks contradict a motion; nothing if they confirm it. Arguments as for `classify_motion`."""
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
@@ -188,7 +188,7 @@ def halves_agree(expected: PathErrors | None, criteria: Criteria) -> bool:
     return expected is not None and expected.share <= criteria.agreement
 
 
-def doubts_about_path(expected: PathErrors | None, criteria: Criteria) -> tuple[Finding, ...]:
+def doubts_about_path(expected: PathErrors | None, criteria: Criteria) -> Findings:
     """Return the finding that a path with these expected errors is unreliable, or nothing."""
     if expected is None or expected.share <= criteria.path_error:
         return ()

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.core.cameras import relative_to
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
@@ -164,7 +164,7 @@ class DisplacedBlocks:
             *(self._start(side * length * way, mean - side * length * way) for side in (1, -1)),
         ]
 
-    def depth_map(self, motion: BlockMotion, size: tuple[int, int]) -> F32:
+    def depth_map(self, motion: BlockMotion, size: Size) -> F32:
         """Return a smooth map of the blocks' inverse depths, [H, W], on the sensor; each counts by its precision."""
         along = self._along(motion.moves)
         precision = (along**2).sum(axis=1)

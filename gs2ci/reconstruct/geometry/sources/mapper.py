@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.core.cameras import camera_centres, path_extent
 from gs2ci.core.colmap import colmap_camera, pycolmap, quietly
 from gs2ci.reconstruct.geometry.path.halves import PathErrors, error_from_halves, squared_distance
@@ -92,7 +92,7 @@ class MappedScene:
     path_errors: PathErrors | None
 
 
-def grown_scene(places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]) -> MappedScene | None:
+def grown_scene(places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: Size) -> MappedScene | None:
     """Grow scenes from the strongest pairs, and return the one that explains most matches.
 
     Args:
@@ -115,7 +115,7 @@ def grown_scene(places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tupl
 
 
 def _write(
-    path: Path, places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]
+    path: Path, places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: Size
 ) -> tuple[list[int], dict[tuple[int, int], int]]:
     """Write the mapper's input: one camera, an image for each view, and the matches that essential matrices confirm.
 

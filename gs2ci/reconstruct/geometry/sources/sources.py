@@ -10,7 +10,7 @@ from typing import Final
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.foreign.camera_files import CameraFile, read_cameras
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
@@ -170,7 +170,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
     )
 
 
-def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> tuple[Finding, ...]:
+def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> Findings:
     """Report which focal length is used if they differ: with a lens the shot's, which was measured with the lens."""
     if of_shot is None or abs(of_file[0, 0] / of_shot[0, 0] - 1) <= _FOCAL_DOUBT:
         return ()

@@ -14,15 +14,12 @@ from typing import Final
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, I32, I64, Bool, Size
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.paper.proxies.planes import CodedPlane, coded_planes
 from gs2ci.reconstruct.threads import in_threads
-
-_Ints = NDArray[np.int64]
 
 # The paper's set, section I of its supplement.
 WINDOW_SIZES: Final = (3, 5, 7, 9, 11, 13, 15, 17, 21, 25, 31, 41, 57, 81)
@@ -48,7 +45,7 @@ class MaskDecoding:
     """
 
     views: F32
-    windows: NDArray[np.int32]
+    windows: I32
 
 
 def mask_decoded_views(shot: Shot) -> MaskDecoding:
@@ -82,7 +79,7 @@ def mask_decoded_views(shot: Shot) -> MaskDecoding:
     return MaskDecoding(views, windows)
 
 
-def window_sizes(size: tuple[int, int]) -> tuple[int, ...]:
+def window_sizes(size: Size) -> tuple[int, ...]:
     """List the window widths for an image, in pixels: the paper's, then growing until one covers it from any pixel."""
     whole = 2 * max(size) - 1
     sizes = list(WINDOW_SIZES)
@@ -147,7 +144,7 @@ def _bands(plane: CodedPlane) -> list[slice]:
     return [slice(r, min(r + rows, height)) for r in range(0, height, rows)]
 
 
-def _decode_band(plane: CodedPlane, rows: slice, kappa_limit: float) -> tuple[F64, _Ints]:
+def _decode_band(plane: CodedPlane, rows: slice, kappa_limit: float) -> tuple[F64, I64]:
     """Decode some rows; return their views, [N, R, W, C'], and window widths, [R, W]."""
     n, height, width = plane.transmissions.shape
     shape = (rows.stop - rows.start, width)
@@ -169,7 +166,7 @@ def _decode_band(plane: CodedPlane, rows: slice, kappa_limit: float) -> tuple[F6
     return views.transpose(2, 0, 1, 3), windows
 
 
-def _box_sums(plane: CodedPlane, first_row: int, pixels: _Ints, radius: int) -> tuple[F64, F64]:
+def _box_sums(plane: CodedPlane, first_row: int, pixels: I64, radius: int) -> tuple[F64, F64]:
     """Sum m mᵀ and m yᵀ over the clipped window around each pixel, [P, N, N] and [P, N, C'].
 
     Args:

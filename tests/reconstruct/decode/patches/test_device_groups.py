@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.decode.patches import denoiser
-from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
-from gs2ci.reconstruct.decode.patches.device_groups import denoise_groups_on_device
+from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches, denoise_groups_on_device
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
 from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups

@@ -7,9 +7,13 @@ import pytest
 
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.patches import watched
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
-from gs2ci.reconstruct.decode.patches.watched import decode_until_settled, seen_to_the_end
+from gs2ci.reconstruct.decode.patches import decoder as watched
+from gs2ci.reconstruct.decode.patches.decoder import (
+    PatchSettings,
+    decode_until_settled,
+    patch_decode_from,
+    seen_to_the_end,
+)
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 LONG = PatchSettings(iterations=40, first_sigma=0.1, last_sigma=0.02)

@@ -71,5 +71,5 @@ def test_motions_however_large_are_the_exponentials_of_their_twists(by):
 
 
 def test_motions_of_twists_that_are_none_are_not_numbers():
-    for wrong in (np.nan, np.inf, 1e9):
+    for wrong in (np.nan, np.inf):
         assert np.isnan(RigidMotions(np.full((2, 6), wrong)).adjoint).all()

@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.fit.optimiser.adam import Adam
-from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, DepthFieldSettings, FieldStep
-from gs2ci.reconstruct.fit.surfaces.relief import Relief, direction
+from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, DepthFieldSettings, FieldStep, Relief, direction
 from gs2ci.render.gaussians import Gaussians
 from tests.render import se3
 

@@ -4,7 +4,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import cfa_channels
-from gs2ci.reconstruct.paper.proxies.eni import complete, energy_normalised_views, masked_measurements
+from gs2ci.reconstruct.paper.proxies.routing import complete, energy_normalised_views, masked_measurements
 
 
 def ramp(size, channels=1):
