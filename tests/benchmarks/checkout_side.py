@@ -97,8 +97,9 @@ def _between_db(found: Reconstruction, size: tuple[int, int], file: Path) -> flo
     before, after = found.result.world_to_camera[len(found.result.world_to_camera) // 2 - 1 :][:2]
     half = expm(logm(after @ np.linalg.inv(before)) / 2).real @ before
     pose, intrinsics = (torch.from_numpy(one).float() for one in (half[None], found.result.intrinsics))
-    images = load_backend().views(found.scene, pose, intrinsics, size)[0]
-    return _mean_db(images.detach().numpy(), np.load(file))
+    images, truth = load_backend().views(found.scene, pose, intrinsics, size)[0].detach().numpy(), np.load(file)
+    # Scenes have three colours, those of grey exposures as well.
+    return _mean_db(images if truth.shape[3] == 3 else images.mean(axis=3, keepdims=True), truth)
 
 
 def main() -> None:
