@@ -34,7 +34,7 @@ except KeyError:
 picture = np.array([[1, 2], [3, 4]])
 print("pyfive", version("pyfive"), "virtual dataset of shape", frames.shape, frames.dtype, "is", frames[()], "by h5py", by_h5py)
 print("a chunk that was never written:", part, "mask", mask.dtype, "picture[mask]", picture[mask].tolist(), "~mask", (~mask).tolist())
-assert frames.shape == (2, 3) and frames[()] is None and by_h5py == [[0, 1, 2], [10, 11, 12]], "virtual datasets have changed"
-assert part == "KeyError", "unwritten chunks have changed"
-assert mask.dtype == np.int8 and picture[mask].shape == (2, 2, 2), "booleans have changed"
+assert frames.shape == (2, 3) and frames[()] is None and by_h5py == [[0, 1, 2], [10, 11, 12]], "what virtual datasets are has changed"
+assert part == "KeyError", "what unwritten chunks are has changed"
+assert mask.dtype == np.int8 and picture[mask].shape == (2, 2, 2), "what booleans are has changed"
 PY
