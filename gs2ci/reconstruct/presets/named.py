@@ -37,7 +37,7 @@ def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
 def _draft() -> Settings:
     """A quick result: fewer decode steps and planes, no decode by patches, one short fit of fewer Gaussians."""
     base = Settings()
-    # A second search takes a tenth of a draft, for a tenth of a dB.
+    # A second search takes a tenth of a draft, for 0.1 dB in the mean.
     surfaces = SurfaceSettings(searches=(Search(0.4, 3e-2, 1e-3),))
     fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.2, surfaces=surfaces), _DRAFT_ITERATIONS)
     return replace(

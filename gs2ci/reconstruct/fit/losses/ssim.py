@@ -30,6 +30,7 @@ LEAST_WINDOW: Final = 3  # a single pixel has no variance
 C1: Final = 0.01**2  # stabilise the two quotients at a data range of one view's full scale; same source
 C2: Final = 0.03**2
 
+_AT_ONCE: Final = 2 * LANES
 _C1: Final = np.float32(C1)
 _C2: Final = np.float32(C2)
 _LEAST_BOTTOM: Final = np.float32(0.5 * C2)
@@ -54,20 +55,27 @@ def _filter_row(image: F32, y: int, height: int, taps: F32, channels: int, scrat
     """
     width, rim = len(out), (len(taps) - 1) * channels
     up, down = min(y, len(taps) - 1), min(height - 1 - y, len(taps) - 1)
-    for b in range(0, width, LANES):
+    # Two vectors at a time: each weight is read once for both, and neither sum waits for the other.
+    for b in range(0, width, _AT_ONCE):
         at = y * width + b
-        total = load(image, at) * get(taps, 0)
+        one, two = load(image, at) * get(taps, 0), load(image, at + LANES) * get(taps, 0)
         for k in range(1, up + 1):
-            total = total + load(image, at - k * width) * get(taps, k)
+            row = at - k * width
+            one, two = one + load(image, row) * get(taps, k), two + load(image, row + LANES) * get(taps, k)
         for k in range(1, down + 1):
-            total = total + load(image, at + k * width) * get(taps, k)
-        store(scratch, rim + b, total)
-    for b in range(0, width, LANES):
+            row = at + k * width
+            one, two = one + load(image, row) * get(taps, k), two + load(image, row + LANES) * get(taps, k)
+        store(scratch, rim + b, one)
+        store(scratch, rim + b + LANES, two)
+    for b in range(0, width, _AT_ONCE):
         at = rim + b
-        total = load(scratch, at) * get(taps, 0)
+        one, two = load(scratch, at) * get(taps, 0), load(scratch, at + LANES) * get(taps, 0)
         for k in range(1, len(taps)):
-            total = total + (load(scratch, at - k * channels) + load(scratch, at + k * channels)) * get(taps, k)
-        store(out, b, total)
+            left, right = at - k * channels, at + k * channels
+            one = one + (load(scratch, left) + load(scratch, right)) * get(taps, k)
+            two = two + (load(scratch, left + LANES) + load(scratch, right + LANES)) * get(taps, k)
+        store(out, b, one)
+        store(out, b + LANES, two)
 
 
 @helper()
@@ -156,7 +164,7 @@ class SimilarityTo:
     def _in_rows(self, image: F32) -> F32:
         """Return an image, [H, W, C], with rows rounded up to whole vectors by zeros, [H * P]."""
         rows = np.ascontiguousarray(image, np.float32).reshape(self._shape[0], self._width)
-        beyond = -self._width % LANES
+        beyond = -self._width % _AT_ONCE
         return (np.pad(rows, ((0, 0), (0, beyond))) if beyond else rows).reshape(-1)
 
     def _as_image(self, rows: F32) -> F32:
