@@ -17,7 +17,7 @@ Here: the candidates, the name of the result, and how long polishing takes. Not 
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -28,7 +28,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.run_figures import Verdict
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.gap_tv import decode_weighing, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from, seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
@@ -40,39 +40,6 @@ from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.settings import Settings
-
-# How much noise of the readings a decode weighs: as much as leaves least of the held-out pixels.
-#
-# A decode that weighs too much lacks detail, and one that weighs too little shows noise: either predicts readings that
-# it has not seen less well.
-
-# The noise is sought downwards in steps of this factor of power.
-_STEP: Final = 4.0
-_STEPS: Final = 7
-
-
-def decode_weighing(holdouts: Sequence[Holdout], settings: GapTvSettings, most: F32) -> tuple[F32, F32]:
-    """Decode measurements of the same views without their held-out pixels, which tell the noise of the readings.
-
-    Args:
-        holdouts: The measurements, with held-out pixels.
-        settings: Of the decoder.
-        most: Power of the noise in each reading at most, [H, W, C].
-
-    Returns:
-        The views, [N, H, W, C], and the noise that was weighed, [H, W, C].
-    """
-    seen, best, found = [one.seen for one in holdouts], math.inf, None
-    for step in range(_STEPS):
-        noise = most * np.float32(_STEP**-step)
-        views = gap_tv(seen, settings, noise=noise)
-        left = float(np.mean([(one.residual_rms(views) or math.inf) ** 2 for one in holdouts]))
-        if found is not None and left >= best:
-            break
-        best, found = left, (views, noise)
-    assert found is not None
-    return found
-
 
 # A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
 # most, and the candidates made from it cost several decodes' time.

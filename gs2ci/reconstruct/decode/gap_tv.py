@@ -1,15 +1,17 @@
 """GAP-TV: generalised alternating projection with a total-variation denoiser (Yuan 2016, accelerated form).
 
-Here: the decoder that the pipeline calls; the same of a scene's residual; and how strongly consecutive views are
-coupled, chosen by held-out pixels. Not here: its loop (`pnp`, `kernels`), other denoisers, the share of a decoded
-residual that is added to views (`gs2ci.reconstruct.fit.combining.refinement`). Its views are good enough for tracking
-and plane sweeps; they are never a photometric target of the fit.
+Here: the decoder that the pipeline calls; the same of a scene's residual; and, told by held-out pixels, how strongly
+consecutive views are coupled and how much noise of the readings is weighed. Not here: its loop (`pnp`, `kernels`),
+other denoisers, the share of a decoded residual that is added to views
+(`gs2ci.reconstruct.fit.combining.refinement`). Its views are good enough for tracking and plane sweeps; they are never
+a photometric target of the fit.
 
 A Gaussian scene can show only what all views agree on. The rest (gloss, the grain of real surfaces, detail that the
 Gaussians have not resolved) remains in the measurement's residual, which is a coded measurement like any other: a few
 steps decode it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -35,6 +37,9 @@ from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 _GRADIENT: Final = 0.1
 # Masks above this take views of several times as much.
 _LARGE_BYTES: Final = 2**26
+# The noise that a decode weighs is sought downwards in steps of this factor of power.
+_STEP: Final = 4.0
+_STEPS: Final = 7
 
 
 @dataclass(frozen=True)
@@ -183,3 +188,28 @@ def choose_coupling(
         return holdout.residual_rms(decode_signed(holdout.seen, choice)) or 0.0
 
     return min(choices, key=unexplained) if holdout.pixels.any() else choices[0]
+
+
+def decode_weighing(holdouts: Sequence[Holdout], settings: GapTvSettings, most: F32) -> tuple[F32, F32]:
+    """Decode measurements of the same views without their held-out pixels, which tell the noise of the readings.
+
+    It is what leaves least of them: a decode that weighs too much lacks detail, one that weighs too little shows noise.
+
+    Args:
+        holdouts: The measurements, with held-out pixels.
+        settings: Of the decoder.
+        most: Power of the noise in each reading at most, [H, W, C].
+
+    Returns:
+        The views, [N, H, W, C], and the noise that was weighed, [H, W, C].
+    """
+    seen, best, found = [one.seen for one in holdouts], math.inf, None
+    for step in range(_STEPS):
+        noise = most * np.float32(_STEP**-step)
+        views = gap_tv(seen, settings, noise=noise)
+        left = float(np.mean([(one.residual_rms(views) or math.inf) ** 2 for one in holdouts]))
+        if found is not None and left >= best:
+            break
+        best, found = left, (views, noise)
+    assert found is not None
+    return found

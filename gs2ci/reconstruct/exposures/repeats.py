@@ -21,10 +21,10 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.decode.gap_tv import decode_weighing
 from gs2ci.reconstruct.exposures.observing import ObservedExposure, held
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
-from gs2ci.reconstruct.fusion import decode_weighing
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.faulty import fill_holes

@@ -5,8 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.fusion import decode_weighing
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_weighing, gap_tv
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 VIEWS, SIZE = 4, (40, 48)
