@@ -144,11 +144,6 @@ def error_power(sigma: float) -> float:
     return _ERRORS_PER_LEVEL * sigma**2
 
 
-def with_iterations(settings: PatchSettings, iterations: int) -> PatchSettings:
-    """Return the same schedule over another number of iterations."""
-    return replace(settings, iterations=iterations).check()
-
-
 # A decode by similar patches that ends when the residual at held-out pixels no longer decreases.
 #
 # The best length of a decode differs: most clips improve down to the lowest noise level, but a picture full of texture
