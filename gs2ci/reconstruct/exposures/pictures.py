@@ -15,15 +15,12 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
-from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth, grid, project, turns_far
+from gs2ci.reconstruct.geometry.depth.view_depths import NEIGHBOURS, ViewDepth, grid, project, turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.motion import rays
 from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 from gs2ci.reconstruct.geometry.tracks.features import find_features
 
-# Where the path turns far, a picture is the mean of its view and so many others, those turned least against it: the
-# rest see other surfaces.
-_NEIGHBOURS: Final = 3
 # Depths of exposures are right to this share, planes where no depth was found to that.
 _DEPTH_ERROR: Final = 0.12
 _PLANE_ERROR: Final = 0.5
@@ -83,7 +80,8 @@ def pictures_of(views: F32, geometry: Geometry) -> tuple[MeanPicture, ...]:
     found = []
     for depth in depths_of(geometry):
         likeness = poses[:, 2, :3] @ poses[depth.view, 2, :3]
-        chosen = np.argsort(-likeness, kind="stable")[: _NEIGHBOURS + 1] if far else np.arange(len(views))
+        # Of views that turn far, the mean of those turned least against this one: the rest see other surfaces.
+        chosen = np.argsort(-likeness, kind="stable")[: NEIGHBOURS + 1] if far else np.arange(len(views))
         pose, intrinsics = poses[depth.view], geometry.intrinsics
         image = _mean(views[chosen], poses[chosen], pose, intrinsics, depth.inverse_depth)
         found.append(MeanPicture(image, pose, intrinsics, depth.inverse_depth, error, *find_features(image)))

@@ -42,11 +42,9 @@ class Rung:
 LADDER: Final = (Rung("standard", 180, 800), Rung("draft", 20, 600))
 # A budget is kept to a tenth; this share is reserved for steps that were not timed.
 KEPT_BACK: Final = 0.05
-# For closing files, printing and ending the interpreter.
-_ENDING_S: Final = 0.5
-# For writing a run folder: drawing takes so many processor seconds at any size; pictures and figures take as long as
-# this many looks at the held-out pixels.
-_DRAWING_S: Final = 1.5
+# Drawing the pages of a run folder, closing files and ending the interpreter take so many processor seconds at
+# any size; its pictures and figures take as long as this many looks at the held-out pixels.
+_ENDING_S: Final = 2.0
 _REPORT_LOOKS: Final = 4
 # The largest share of the time left that polishing gets. Small parts gain 0.5 to 1.2 dB; where it takes a quarter, fits
 # with as many iterations more are as good (`python -m tests.benchmarks budgets`).
@@ -100,7 +98,7 @@ class Budget:
             have sufficed for a fit that is worthwhile.
         """
         now_s, threads = self.clock(), numba.get_num_threads()
-        afterwards_s = (_ENDING_S + _DRAWING_S) * timed.waiting + _REPORT_LOOKS * timed.look_s + decode_s
+        afterwards_s = _ENDING_S * timed.waiting + _REPORT_LOOKS * timed.look_s + decode_s
         delivered_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
         has_time = polish_s <= _MOST_FOR_POLISH * (delivered_s - now_s)
         for rung in LADDER:

@@ -57,7 +57,7 @@ _LEAST_SHOWN: Final = 0.25
 # improve it, and its change, however large, is no gain.
 _LEAST_WEIGHT: Final = 0.01
 # Smaller shares are chance, and set to 0.
-_LEAST_SHARE: Final = 0.05
+LEAST_SHARE: Final = 0.05
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def shares(holdout: Holdout, candidates: Mapping[Name, Candidate], noise: float)
     every = [one for one in (holdout, *holdout.beside) if one.pixels.any()]
     products = [expected_products(one, [candidates[name] for name in usable], noise) for one in every]
     least = least_on_simplex(np.mean(products, axis=0))
-    least[least < _LEAST_SHARE] = 0.0
+    least[least < LEAST_SHARE] = 0.0
     return {**found, **dict(zip(usable, (least / least.sum()).tolist(), strict=True))}
 
 

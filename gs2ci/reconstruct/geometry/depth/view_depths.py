@@ -28,7 +28,7 @@ _FAR_DEG: Final = 15.0
 # At most so many views are swept, and each with so many others. With four others scenes were 1.4 dB worse in one set of
 # photographs, and equal in another.
 _MOST_SWEPT: Final = 8
-_NEIGHBOURS: Final = 3
+NEIGHBOURS: Final = 3
 # Depths of two views are the same where they differ by no more than this share. With a third of it there were 40 % more
 # first points, and scenes were no better.
 _SAME_DEPTH: Final = 0.03
@@ -86,7 +86,7 @@ def view_depths(
             continue
         span = inverse_depth_range(1 / depths[depths > 0], settings)
         order = np.argsort(turns[view], kind="stable")
-        order = np.concatenate([[view], order[order != view][:_NEIGHBOURS]])
+        order = np.concatenate([[view], order[order != view][:NEIGHBOURS]])
         poses = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         found.append(ViewDepth(view, swept.depth(order.tolist(), poses, intrinsics, span)))
     return tuple(found)
