@@ -50,8 +50,7 @@ def group_of_most(pairs: Pairs, count: int) -> list[int]:
     ends = np.array(list(pairs), np.int64).reshape(-1, 2)
     joined = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(count, count))
     group = connected_components(joined, directed=False)[1]
-    found: list[int] = np.flatnonzero(group == np.bincount(group).argmax()).tolist()
-    return found
+    return np.flatnonzero(group == np.bincount(group).argmax()).tolist()
 
 
 def closed(pairs: Pairs, count: int) -> Closed:
@@ -111,8 +110,7 @@ def _errors(pair: Pair, similarities: dict[int, Similarity], which: tuple[int, i
     between = similarities[which[1]].inverse.after(similarities[which[0]])
     change = pair.other_from_one.change_to(between, pair.centre, pair.unit)
     covariance = pair.covariance + np.diag(_DISTORTED**2)
-    errors: F64 = np.linalg.solve(np.linalg.cholesky(covariance), change)
-    return errors
+    return np.linalg.solve(np.linalg.cholesky(covariance), change)
 
 
 def _seen(number: int, similarities: dict[int, Similarity], pairs: Pairs) -> tuple[F64, float]:

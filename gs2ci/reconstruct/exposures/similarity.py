@@ -46,8 +46,7 @@ class Similarity:
 
     def points(self, points: F64) -> F64:
         """Return points of the source, [..., 3], in the target."""
-        moved: F64 = self.scale * points @ self.rotation.T + self.translation
-        return moved
+        return self.scale * points @ self.rotation.T + self.translation
 
     def poses(self, world_to_camera: F64) -> F64:
         """Return poses of the source, [N, 4, 4], in the target: rigid motions in its unit."""

@@ -214,8 +214,7 @@ def place_tiles(found: list[Tile], size: Size) -> Placement | None:
 
     def affine(places: F64) -> F64:
         design = np.column_stack([np.ones(len(places)), places])
-        unit: F64 = np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
-        return unit
+        return np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
 
     solution = agreed(found, size, affine)
     if solution is None:
@@ -249,6 +248,6 @@ def agreed(found: list[Tile], size: Size, design: Callable[[F64], F64]) -> F64 |
         apart = np.linalg.norm(moved - np.tensordot(solution, unit, axes=1), axis=1)
         worst = int(apart.argmax())
         if apart[worst] <= _AGREEMENT_PX:
-            return np.asarray(solution, np.float64)
+            return solution
         del sure[worst]
     return None

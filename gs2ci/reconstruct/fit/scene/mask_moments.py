@@ -228,7 +228,7 @@ def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64)
         How far the image moves within each mask, root mean square in px, [N]; and the bounds in full scales, [N].
     """
     rows, columns, within = _within_masks(geometry, world_to_camera, open_share)
-    across, down = (np.asarray(np.gradient(view.astype(np.float64), axis=axis))[rows, columns] for axis in (1, 0))
+    across, down = (np.gradient(view.astype(np.float64), axis=axis)[rows, columns] for axis in (1, 0))
     slopes = np.stack([across, down], axis=-1)  # [P, C, (x, y)]
     motion, found = [], []
     for moved in within:

@@ -172,5 +172,4 @@ def _series(twists: F64) -> tuple[F64, F64]:
 
 def _transposed(matrices: F64, vectors: F64) -> F64:
     """Return the products of transposed matrices, [V, 6, 6], and vectors, [V, 6]."""
-    found: F64 = (vectors[:, None] @ matrices)[:, 0]
-    return found
+    return (vectors[:, None] @ matrices)[:, 0]

@@ -188,7 +188,7 @@ def _left(motion: CameraMotion, tracks: Tracks, intrinsics: F64, settings: Motio
 def cells(tracks: Tracks, size: Size) -> I64:
     """Number the cell of the reference view that each track starts in, [P]."""
     column, row = (tracks.positions[:, tracks.reference] / (size[1], size[0]) * CELLS).astype(np.int64).T
-    return np.asarray(row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1))
+    return row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1)
 
 
 def _found_again(motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings) -> F64:

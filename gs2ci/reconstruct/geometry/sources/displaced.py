@@ -180,7 +180,7 @@ class DisplacedBlocks:
 
     def _along(self, moves: F64) -> F64:
         """Return whitened displacements by the travel of moves, [F, 6], at an inverse depth of 1, [B, 2 F]."""
-        return np.asarray(self._by_travels @ moves.ravel(), np.float64)
+        return self._by_travels @ moves.ravel()
 
     def _start(self, travel_px: F64, turn_px: F64) -> F64:
         """Return even motion, [F, 6], that displaces the middle of the picture by so much by travel, and by turning."""

@@ -123,8 +123,7 @@ def _samples(transmission: F64, counts: _Mask) -> _Mask:
     light = transmission[transmission > 0]
     if not light.size:
         return counts
-    samples: _Mask = transmission >= _OPEN_SHARE * np.percentile(light, _OPEN_PERCENTILE)
-    return samples
+    return transmission >= _OPEN_SHARE * np.percentile(light, _OPEN_PERCENTILE)
 
 
 ProxyMethod = Literal["naive", "eni", "amdi"]
