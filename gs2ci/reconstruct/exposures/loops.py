@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci.reconstruct.exposures.pairs import Pair
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 
@@ -66,7 +66,7 @@ def closed(pairs: Pairs, count: int) -> Closed:
         group = group_of_most(held, count)
         inside = {pair: found for pair, found in held.items() if pair[0] in group}
         similarities = _adjusted(inside, group)
-        off = {pair: float(np.sqrt(np.mean(_errors(found, similarities, pair) ** 2))) for pair, found in inside.items()}
+        off = {pair: rms_of(_errors(found, similarities, pair)) for pair, found in inside.items()}
         worst = max(off, key=lambda pair: off[pair], default=None)
         if worst is None or off[worst] <= _CONTRADICTS:
             return Closed(similarities, tuple(inside), tuple(contradicting))

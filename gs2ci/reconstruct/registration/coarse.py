@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy import fft
 
-from gs2ci.core.arrays import F64, Size
+from gs2ci.core.arrays import F64, Size, rms_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.local_scene import Seen, blurred
 from gs2ci.reconstruct.registration.placement import Placement
@@ -148,7 +148,7 @@ def find_peak(seen: F64, known: F64, reach: Size, element: float) -> Peak:
     chance = float(np.partition(others, -_RANK)[-_RANK])
     peak = float(near[at])
     ratio = peak / chance if chance > 0 else 0.0
-    deviations = peak / max(float(np.sqrt(np.mean(others**2))), 1e-300)
+    deviations = peak / max(rms_of(others), 1e-300)
     return Peak(float(down), float(right), ratio, peak / norm, deviations)
 
 

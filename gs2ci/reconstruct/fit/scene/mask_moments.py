@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from torch import Tensor
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, rms_of
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import in_world
 from gs2ci.core.errors import InputError
@@ -255,4 +255,4 @@ def _within_masks(
 
 
 def _rms(values: F64) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    return rms_of(values) if values.size else 0.0

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.cameras import rigid
 from gs2ci.reconstruct.geometry.path.adjustment_kernels import (
     INVERSE_DEPTH_RANGE,
     LEAST_RELATIVE_DEPTH,
@@ -75,10 +76,7 @@ class CameraMotion:
     @property
     def world_to_camera(self) -> F64:
         """Get the poses, [N, 4, 4], with the reference view as the world."""
-        poses = np.tile(np.eye(4), (len(self.rotations), 1, 1))
-        poses[:, :3, :3] = self.rotations
-        poses[:, :3, 3] = self.translations
-        return poses
+        return rigid(self.rotations, self.translations)
 
     @property
     def residuals_px(self) -> F64:
