@@ -21,6 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
+from gs2ci.core.cameras import rigid
 
 # A series ends where its terms are below this.
 _LEAST_TERM: Final = 1e-17
@@ -42,9 +43,8 @@ class RigidMotions:
 
     def __init__(self, twists: F64) -> None:
         self.jacobian, self.adjoint = _series(twists)
-        self.matrices = np.tile(np.eye(4), (len(twists), 1, 1))
-        self.matrices[:, :3, :3] = self.adjoint[:, :3, :3]
-        self.matrices[:, :3, 3:] = self.jacobian[:, :3, :3] @ twists[:, :3, None]
+        moved = (self.jacobian[:, :3, :3] @ twists[:, :3, None])[..., 0]
+        self.matrices = rigid(self.adjoint[:, :3, :3], moved)
 
     def by_twists(self, poses: F64, gradient: F64) -> F64:
         """Return the gradient by the twists, [V, 6], given that by the poses that these motions lead to, [V, 4, 4]."""
@@ -172,5 +172,4 @@ def _series(twists: F64) -> tuple[F64, F64]:
 
 def _transposed(matrices: F64, vectors: F64) -> F64:
     """Return the products of transposed matrices, [V, 6, 6], and vectors, [V, 6]."""
-    found: F64 = (vectors[:, None] @ matrices)[:, 0]
-    return found
+    return (vectors[:, None] @ matrices)[:, 0]
