@@ -10,8 +10,8 @@ from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def stated(seen, place_px=factors.place_px, path_error=0.0, turn=0.0, others=None):
-    return errors_of_depths(seen, place_px, path_error, turn, others)
+def stated(seen, place_px=factors.place_px, turn=0.0, others=None):
+    return errors_of_depths(seen, place_px, turn, others)
 
 
 def followed(seen, depth, noise=0.0):
@@ -28,7 +28,7 @@ def followed(seen, depth, noise=0.0):
 def test_there_is_an_error_where_there_is_a_depth_and_none_larger_than_it(seen):
     depth = seen.depth.copy()
     depth[:, :3] = 0
-    found = stated(replace(seen, depth=depth), path_error=5.0)
+    found = stated(replace(seen, depth=depth), turn=5.0)
     assert found.dtype == np.float32
     assert np.array_equal(found > 0, depth > 0)
     assert (found <= depth).all()
@@ -51,7 +51,7 @@ def test_a_turn_that_the_stage_states_shifts_all_depths_and_those_that_move_litt
     far[..., 16:] *= 1.5
     plain = replace(seen, depth=far)
     turn = 1e-3
-    sure, unsure = (errors_of_depths(plain, 0.25, 0.0, 0.0, None, stated) / far for stated in (0.0, turn))
+    sure, unsure = (errors_of_depths(plain, 0.25, 0.0, None, stated) / far for stated in (0.0, turn))
     added = np.sqrt(unsure**2 - sure**2)
     points = torch.from_numpy(np.concatenate([seen.rays * far[3, ..., None], far[3, ..., None]], axis=-1)).double()
     moved = movement(seen.world_to_camera, seen.focal_px, 3, points.unbind(dim=-1)).numpy()
@@ -99,10 +99,20 @@ def test_without_tracked_points_places_err_as_is_usual(seen, points):
     assert error_of_places(seen, 3, points) == factors.untracked_px
 
 
-def test_a_doubtful_path_makes_depths_off_the_middle_one_less_sure(seen):
-    sure, doubtful = (stated(seen, path_error=error) / seen.depth for error in (0.0, 0.2))
-    grown = np.sqrt(np.maximum(doubtful**2 - sure**2, 0))
-    assert (grown > 0.1).all()
+@pytest.mark.parametrize(("half_log", "off"), [(0.125, 3.0), (0.25, 1.0), (0.5, 1.0), (1.0, 1.0)])
+def test_a_turn_leaves_relief_open_and_what_it_lacks_of_the_usual(seen, half_log, off):
+    """Two surfaces err by how much more or less relief they may have, as far as the turn may be travel."""
+    depth = np.where(seen.depth > 2, 2 * np.exp(2 * half_log), 2).astype(np.float32)
+    depth[0] = 2  # so that this is the middle depth
+    grown = [stated(replace(seen, depth=depth), turn=turn)[3, 12, 26] / depth[3, 12, 26] for turn in (0.0, 0.1 / 35)]
+    travel_px = 35 * 0.2 / depth[3, 12, 26] * np.std(np.linspace(-0.5, 0.5, 6))
+    expected = 0.1 / travel_px * off * (1 - 2 / depth[3, 12, 26])
+    assert np.sqrt(grown[1] ** 2 - grown[0] ** 2) == pytest.approx(expected, rel=0.03, abs=1e-3)
+
+
+def test_depths_of_a_plane_that_faces_the_camera_err_by_no_turn(seen):
+    flat = replace(seen, depth=np.full_like(seen.depth, 2))
+    assert np.array_equal(stated(flat, turn=0.01), stated(flat))
 
 
 def test_cameras_of_other_exposures_make_surer_what_they_see_and_nothing_else(seen):
@@ -113,17 +123,6 @@ def test_cameras_of_other_exposures_make_surer_what_they_see_and_nothing_else(se
     assert (seen_by_another[3, 2:10, 18:30] < 0.5 * alone[3, 2:10, 18:30]).all()
     assert np.allclose(seen_by_another[3, 2:-2, 6:9], alone[3, 2:-2, 6:9], rtol=0.01)
     assert np.allclose(seen_by_none[3, 2:-2, 6:-6], alone[3, 2:-2, 6:-6], rtol=0.01)
-
-
-def test_a_turn_in_step_with_the_travel_shifts_all_inverse_depths(seen):
-    """A turn by 0.1 px in the mean over a path whose mean travel moves depth 2 by t px shifts by 0.1 / t of 1 / 2."""
-    far = replace(seen, depth=np.where(seen.depth > 2, 8, seen.depth).astype(np.float32))
-    far.depth[0] = 2  # so that this is the middle depth
-    grown = [stated(far, turn=turn)[3, 12, 26] / 8 for turn in (0.0, 0.1 / 35)]
-    travel_px = 35 * 0.2 / 2 * np.std(np.linspace(-0.5, 0.5, 6))
-    share = 0.1 / (travel_px * 2 / 8)
-    expected = share * np.hypot(2 / 8 - 1, share * factors.unknown_depth)
-    assert np.sqrt(grown[1] ** 2 - grown[0] ** 2) == pytest.approx(expected, rel=0.02)
 
 
 def test_a_turn_makes_depths_before_a_camera_that_drives_into_a_scene_unsure_near_its_way(seen):
