@@ -42,7 +42,7 @@ def errors_of_depths(
     """
     depth = seen.depth
     device, most = work_place(), factors.most_of_jump
-    middle, found, relief_off = middle_depth(seen), np.zeros_like(depth), _relief_off(depth[depth > 0])
+    middle, found, missing = middle_depth(seen), np.zeros_like(depth), _missing_relief(depth[depth > 0])
     cameras = seen.world_to_camera if others is None else np.concatenate([seen.world_to_camera, others])
     per_rad = float(seen.focal_px.mean()) * len(cameras) ** 0.5
     sides = [(float(one.min()), float(one.max())) for one in np.moveaxis(seen.rays, -1, 0)]
@@ -56,7 +56,7 @@ def errors_of_depths(
         jump = torch.hypot(*slopes(torch.where(known_there, own, torch.nan).log())).nan_to_num(nan=most).clamp(max=most)
         # The travel that the turn stands for moves a point as its inverse depth says, the turn as the middle one's. The
         # more of a point's movement may be turn, the less the relief that was found is that of the scene.
-        by_turn = (turn * per_rad / moved).clamp(max=1) * relief_off * (middle / ahead - 1)
+        by_turn = (turn * per_rad / moved).clamp(max=1) * (middle / ahead - 1).square().add(missing**2).sqrt()
         by_edge = factors.depth_by_jump * jump
         by_stated = stated * per_rad / moved
         relative = ((place_px / moved) ** 2 + by_edge**2 + by_turn**2 + by_stated**2).sqrt()
@@ -64,15 +64,13 @@ def errors_of_depths(
     return found
 
 
-def _relief_off(known: F32) -> float:
-    """Return by how much of itself the relief of depths (spread of the logarithm) may err where a turn leaves it open.
+def _missing_relief(known: F32) -> float:
+    """Return what the relief of depths, a spread of the logarithm, lacks of that which scenes may have.
 
-    A fit begins flat. What it lacks of the usual relief it may not have found.
+    A fit begins flat, so that relief that readings leave open may not have been found.
     """
-    if not known.size:
-        return 1.0
-    low, high = np.log(np.quantile(known, (0.16, 0.84)))
-    return max(1.0, 2 * factors.unknown_depth / max(float(high - low), np.finfo(np.float32).tiny) - 1)
+    low, high = np.log(np.quantile(known, (0.16, 0.84))) if known.size else (0.0, 0.0)
+    return max(0.0, factors.unknown_depth - float(high - low))
 
 
 def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) -> float:

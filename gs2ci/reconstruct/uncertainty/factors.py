@@ -55,7 +55,7 @@ class Factors:
             breadth in where an edge lies.
         most_of_jump: Larger jumps count as this.
         unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any;
-            the relief that scenes usually have.
+            the relief that scenes may have, from the nearest sixth of their depths to the farthest.
     """
 
     level: float = 2.0
