@@ -69,7 +69,7 @@ def run(
         The folder.
 
     Raises:
-        Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; then the
+        Gs2ciError: The file, a value or the destination cannot be used; then the
             folder is unchanged.
         KeyboardInterrupt: The user interrupted; during the fit, the folder is written first.
     """
