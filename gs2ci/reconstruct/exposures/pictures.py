@@ -51,8 +51,7 @@ class MeanPicture:
     @property
     def centre(self) -> F64:
         """Get the centre of its camera, [3], in the exposure's coordinates."""
-        centre: F64 = -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
-        return centre
+        return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
 
     def lifted(self, pixels: F64) -> F64:
         """Return what is seen at places in the picture, [P, 2] px, in the exposure's coordinates, [P, 3]."""
@@ -99,8 +98,7 @@ def _mean(views: F32, world_to_camera: F64, pose: F64, intrinsics: F64, inverse_
         warped, inside = sampled(view, places.reshape(*size, 2))
         total += np.where(inside[..., None], warped, np.float32(0))
         count += inside[..., None]
-    mean: F32 = (total / np.maximum(count, 1)).astype(np.float32)
-    return mean
+    return (total / np.maximum(count, 1)).astype(np.float32)
 
 
 def sampled(image: F32, places: F64) -> tuple[F32, Bool]:

@@ -43,8 +43,7 @@ def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
     for i in others:
         flow = flow_from(smooth[reference], smooth[i])
         rates.append((flow - still_flow(geometry, i)) / (times[i] - times[reference]))
-    found: F32 = np.median(rates, axis=0).astype(np.float32)
-    return found
+    return np.median(rates, axis=0).astype(np.float32)
 
 
 def still_flow(geometry: Geometry, view: int) -> F64:

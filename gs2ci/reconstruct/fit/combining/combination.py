@@ -169,14 +169,12 @@ def _hidden(weighted: F64) -> F64:
     """Return by what factor residuals at pixels, [K], understate errors that cancel along the views; masks: [N, K]."""
     light = (weighted**2).sum(axis=0)
     shown = light - weighted.sum(axis=0) ** 2 / len(weighted)
-    hidden: F64 = np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
-    return hidden
+    return np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
 
 
 def _pixel_weights(weighted: F64) -> F64:
     """Return the weights of pixels, [K], by the light that their masks, [N, K], let through."""
-    found: F64 = np.minimum(1.0, (weighted**2).sum(axis=0) / weighted.max() ** 2) ** 2
-    return found
+    return np.minimum(1.0, (weighted**2).sum(axis=0) / weighted.max() ** 2) ** 2
 
 
 def _power(values: F64) -> float:

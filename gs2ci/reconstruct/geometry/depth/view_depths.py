@@ -99,8 +99,7 @@ def _turns(world_to_camera: F64) -> F64:
     """
     ahead = world_to_camera[:, 2, :3]
     across = np.linalg.norm(np.cross(ahead[:, None], ahead[None]), axis=2)
-    angles: F64 = np.arctan2(across, ahead @ ahead.T)
-    return angles
+    return np.arctan2(across, ahead @ ahead.T)
 
 
 def _spread(turns: F64, first: int) -> list[int]:
@@ -188,5 +187,4 @@ def _compared(points: F64, depth: ViewDepth, world_to_camera: F64, intrinsics: F
 
 
 def _alike(along: F64, inverse_depth: F32) -> Bool:
-    alike: Bool = np.abs(along * inverse_depth - 1) < _SAME_DEPTH
-    return alike
+    return np.abs(along * inverse_depth - 1) < _SAME_DEPTH
