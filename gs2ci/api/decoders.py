@@ -21,9 +21,9 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.decode_folder import Decoded
 from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DENOISER_NAMES, DecodeMethod
-from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
+from gs2ci.reconstruct.decode.denoisers import Denoiser, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, with_iterations
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.learned.onnx_models import find_model
@@ -152,7 +152,7 @@ def _patch_decoder(choice: Choice) -> Decoder:
         return _hurried_decoder(choice.until_s, choice.seed)
     settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
     if choice.iterations is not None:
-        settings = with_iterations(settings, choice.iterations)
+        settings = replace(settings, iterations=choice.iterations)
     settings.check()
 
     def decode(shot: Shot, progress: Progress) -> _Outcome:
@@ -202,14 +202,12 @@ def _proxy_decoder(method: DecodeMethod) -> Decoder:
 def _denoiser(name: str) -> Denoiser:
     if name == "tv":
         return TotalVariation()
-    if name == "nlm":
-        return NonLocalMeans()
     if name.startswith("onnx:"):
         return open_denoiser(Path(name.removeprefix("onnx:")))
     known = next((model for model in DENOISER_NAMES if model == name), None)
     if known is not None:
         return open_denoiser(find_model(known))
-    raise InputError(f"denoiser {name!r}", allowed=f"tv, nlm, onnx:FILE, {', '.join(DENOISER_NAMES)}")
+    raise InputError(f"denoiser {name!r}", allowed=f"tv, onnx:FILE, {', '.join(DENOISER_NAMES)}")
 
 
 def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:

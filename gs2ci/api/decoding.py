@@ -43,7 +43,7 @@ def decode(
             patches-quick, the same with a few steps; plug-and-play by pnp-gap; onnx:FILE, a network from
             measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies for the
             geometry stage: eni, amdi, or proxies, which chooses one of the two by the masks.
-        denoiser: Of plug-and-play: tv (the default), nlm (non-local means), onnx:FILE, or a model added by name
+        denoiser: Of plug-and-play: tv (the default), onnx:FILE, or a model added by name
             (gs2ci models add): ffdnet, ffdnet-colour, fastdvdnet.
         iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
             levels of plug-and-play (10).

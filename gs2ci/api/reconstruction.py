@@ -135,7 +135,7 @@ def reconstruct(
         The run.
 
     Raises:
-        Gs2ciError: The shot or a value cannot be used, or the budget does not suffice.
+        Gs2ciError: The shot or a value cannot be used.
 
     Example:
         >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)

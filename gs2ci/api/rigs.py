@@ -274,6 +274,8 @@ class OpenRig:
 
         path = Path(path)
         check_bundle_place(path)
+        if path.exists():
+            read_bundle(path)  # one that is damaged is told before any device is opened
         with shown(progress) as display:
             bench = self._bench(display, fast=fast)
             provenance = provenance_of(self._rig, self.devices)
@@ -373,10 +375,11 @@ class OpenRig:
         return {} if stage is None else dict(stage.home())
 
     def _calibrated(self, calibration: str | Path | None, probe: bool, progress: Progress) -> "Calibrated | None":
-        from gs2ci.rig.calibrated import load
+        from gs2ci.rig.calibrated import bundle_of, load
 
-        path = None if calibration is None else Path(calibration)
-        return load(self._rig, self.devices, path, probe=probe, progress=progress)
+        # A file that cannot be used is told before any device is opened.
+        bundle = bundle_of(self._rig, None if calibration is None else Path(calibration))
+        return None if bundle is None else load(self._rig, self.devices, bundle, probe=probe, progress=progress)
 
     def _bench(self, display: "StageDisplay", *, fast: bool) -> "Bench":
         from gs2ci.rig.calibrating import bench_of, operator_of

@@ -28,7 +28,8 @@ def run(*, rig: Path, **options: Any) -> None:
         Gs2ciError: A device does not answer, the rig file is invalid, or no port is free.
     """
     with open_rig(rig) as opened, opened.live(**options) as page:
-        say(f"the bench is at {page.address}; Ctrl-C ends this")
+        # Nothing follows the address: terminals and people take a semicolon for a part of it.
+        say(f"Ctrl-C ends this; the bench is at {page.address}")
         with contextlib.suppress(KeyboardInterrupt):
             wait_for_the_end()
 

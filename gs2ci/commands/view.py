@@ -39,7 +39,7 @@ def run(
     server = serve(scene, **options)
     found = f"{len(scene.means)} Gaussians, {len(scene.camera_to_world)} cameras"
     try:
-        say(f"{found} at {server.address}; Ctrl-C ends this")
+        say(f"Ctrl-C ends this; {found} at {server.address}")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
     finally:

@@ -100,6 +100,10 @@ class Code(StrEnum):
     GPU_DIFFERS = auto()
     GPU_NOT_CAPTURED = auto()
 
+    # What a budget allows.
+    TIME_DIVIDED = auto()
+    TIME_TOO_SHORT = auto()
+
     # Why a fit ended.
     FIT_STALLED = auto()
     FIT_ALL_DONE = auto()

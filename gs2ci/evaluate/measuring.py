@@ -42,6 +42,7 @@ _AGAINST_DEPTH: Final = (
     Code.VGGT_DEPTH_TAKEN,
     Code.SCENE_NOT_FOLLOWING,
     Code.FOCAL_ASSUMED,
+    Code.TIME_TOO_SHORT,
 )
 """Findings that say not to rely on depth."""
 # Standard deviation of a position that is uniformly distributed within a pixel.

@@ -12,7 +12,7 @@ import torch
 from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, rigid
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
@@ -54,10 +54,7 @@ def poses_at(world_to_camera: F64, times: F64) -> F64:
     rotations = Slerp(known, Rotation.from_matrix(world_to_camera[:, :3, :3]))(times).as_matrix()
     centres = camera_centres(world_to_camera)
     between = np.stack([np.interp(times, known, centres[:, axis]) for axis in range(3)], axis=1)
-    found = np.tile(np.eye(4), (len(times), 1, 1))
-    found[:, :3, :3] = rotations
-    found[:, :3, 3] = -np.einsum("kij,kj->ki", rotations, between)
-    return found
+    return rigid(rotations, -np.einsum("kij,kj->ki", rotations, between))
 
 
 def render_moments(shot: Shot, result: RunResult, scene: Gaussians, times: F64) -> F32:

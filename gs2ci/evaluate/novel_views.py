@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import rigid
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_rigid
 from gs2ci.evaluate.metrics import image_scores
@@ -87,11 +88,9 @@ def poses_in_estimate(alignment: Alignment, world_to_camera: F64) -> F64:
     With x_true = s R x + t a camera [A | b] of the true world maps x to s A R x + (A t + b); divided by s, this is seen
     at the same pixels.
     """
-    found = np.tile(np.eye(4), (len(world_to_camera), 1, 1))
     turn = world_to_camera[:, :3, :3]
-    found[:, :3, :3] = turn @ alignment.rotation
-    found[:, :3, 3] = (turn @ alignment.translation + world_to_camera[:, :3, 3]) / alignment.scale
-    return found
+    shift = (turn @ alignment.translation + world_to_camera[:, :3, 3]) / alignment.scale
+    return rigid(turn @ alignment.rotation, shift)
 
 
 def score_novel_views(scene: Gaussians, alignment: Alignment, intrinsics: F64, novel: NovelViews) -> dict[str, Any]:

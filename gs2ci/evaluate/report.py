@@ -224,13 +224,16 @@ class Report(BaseModel):
     def length_unit(self) -> str:
         """Get the unit of path, depth and scene: "mm" only if the stage of a real rig reported the poses.
 
-        Otherwise "scene units", which the images do not determine, or "units of the stage" or "of the file": a
-        simulated stage moves in its scene's units, and a file may have been converted from any unit.
+        "units of 50 mm" if that of a simulated rig did, whose scene has such a unit. Otherwise "scene units", which the
+        images do not determine, or "units of the stage" or "of the file", which may be converted from any unit.
         """
         source = None if self.geometry is None else self.geometry.unit_of
         if source is None:
             return "scene units"
         # `gs2ci.rig.recording` writes "rig" for real devices only.
+        known = self.provenance.get("telemetry")
+        if source == "stage" and isinstance(known, dict) and "unit_mm" in known:
+            return f"units of {known['unit_mm']:g} mm"
         return "mm" if (source, self.provenance.get("source")) == ("stage", "rig") else f"units of the {source}"
 
     @property

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, rms_of
+from gs2ci.core.cameras import rigid
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_rigid
 from gs2ci.core.run_figures import Number
@@ -64,11 +65,9 @@ class Alignment:
     def apply(self, world_to_camera: F64) -> F64:
         """Express estimated poses [N, 4, 4] in the frame and unit of the true path."""
         centers, rotations = _centers(world_to_camera), _camera_to_world_rotations(world_to_camera)
-        aligned = np.tile(np.eye(4), (len(centers), 1, 1))
-        aligned[:, :3, :3] = np.swapaxes(self.rotation @ rotations, 1, 2)
+        turned = np.swapaxes(self.rotation @ rotations, 1, 2)
         moved = self.scale * centers @ self.rotation.T + self.translation
-        aligned[:, :3, 3] = -np.einsum("nij,nj->ni", aligned[:, :3, :3], moved)
-        return aligned
+        return rigid(turned, -np.einsum("nij,nj->ni", turned, moved))
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.gap_tv import decode_weighing, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from, seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
+from gs2ci.reconstruct.fit.combining.combination import LEAST_SHARE, Candidate, combined, expected_rms, shares
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
@@ -48,7 +48,7 @@ _FAR_OFF: Final = 1.7
 # at a glance; with little noise the expectation is 0.84 to 1 times the error (docs/decisions/combination.md).
 _ERRS: Final = 0.045
 # If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
-_ALL_BUT: Final = 0.95
+_ALL_BUT: Final = 1 - LEAST_SHARE
 
 Part = Literal["refined", "polished", "mean", "scene", "decode"]
 _CALLED: Final[dict[Part, Verdict]] = {

@@ -68,8 +68,7 @@ def reconstruct(
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
-            from telemetry that the shot does not hold; or the budget does not suffice; or the settings name a CUDA
-            device that cannot be used.
+            from telemetry that the shot does not hold; or the settings name a CUDA device that cannot be used.
         ResourceError: That device has too little memory.
         DeviceError: It fails.
         NumericsError: The first fit is not finite from its first iteration on.
@@ -82,7 +81,7 @@ def reconstruct(
     with working_on(tools.backend.device):
         seen = observe(shot, settings, tools, progress, score, halt, registered)
         halt.begin()
-        fits = seen.fits.within(budget, seen.first)
+        fits, allowed = seen.fits.within(budget, seen.first)
         raced = Race(fits).run(seen.first, seen.order)
         ensemble, geometry = raced.ensemble, raced.geometry
         renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
@@ -99,7 +98,7 @@ def reconstruct(
         if settings.uncertainty:
             sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
             fits.clock.lap("uncertainty")
-    doubts = (*seen.doubts, *said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
+    doubts = (*seen.doubts, *allowed, *said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
     stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
     left = Left(*stages, fits.mask_moments, sure, placement)
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)

@@ -1,7 +1,7 @@
 """The calibration bundle that a capture uses: found, checked against the bench, and turned into what a shot file holds.
 
-Here: `load` (which bundle, does it fit, a probe of one mask) and `Calibrated`, which `recording` writes. Not here:
-measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`).
+Here: `bundle_of` (which bundle), `load` (does it fit, a probe of one mask) and `Calibrated`, which `recording`
+writes. Not here: measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`).
 """
 
 from dataclasses import dataclass
@@ -198,34 +198,48 @@ def _pair(section: Section, name: str) -> tuple[float, float] | None:
     return None if estimate is None else (float(estimate), estimate.error)
 
 
-def load(
-    rig: Rig, devices: Devices, path: Path | None, *, probe: bool = True, progress: Progress | None = None
-) -> Calibrated | None:
-    """Read the bundle of a rig, check that it still fits the bench, and compare one mask with it.
+def bundle_of(rig: Rig, path: Path | None) -> Bundle | None:
+    """Read the bundle of a rig; no device is needed.
 
     Args:
         rig: The rig; its [calibration] `bundle` names one beside the rig file.
-        devices: Its open devices.
         path: Another bundle; None takes the rig's.
-        probe: Whether to show one mask and compare it; otherwise nothing is uploaded.
-        progress: Receives the stages and steps.
 
     Returns:
         The bundle, or None if the rig names none.
 
     Raises:
-        CalibrationError: It has no masks, does not fit, or the mask shown differs from the one that it states.
-        DriverError: A device failed.
+        CalibrationError: It has no masks.
         StorageError: It cannot be read.
     """
-    table = rig.table.calibration
-    if path is None and not table.bundle:
+    named = rig.table.calibration.bundle
+    if path is None and not named:
         return None
+    bundle = read_bundle(path or rig.folder / named)
+    bundle.need("masks", STEP)
+    return bundle
+
+
+def load(
+    rig: Rig, devices: Devices, bundle: Bundle, *, probe: bool = True, progress: Progress | None = None
+) -> Calibrated:
+    """Check that a bundle still fits the bench, and compare one mask with it.
+
+    Args:
+        rig: The rig.
+        devices: Its open devices.
+        bundle: From `bundle_of`.
+        probe: Whether to show one mask and compare it; otherwise nothing is uploaded.
+        progress: Receives the stages and steps.
+
+    Raises:
+        CalibrationError: It does not fit, or the mask shown differs from the one that it states.
+        DriverError: A device failed.
+    """
     progress = progress or Silent()
-    bundle = read_bundle(path or rig.folder / table.bundle)
     masks = bundle.need("masks", STEP)
     bench = bench_of(rig, devices, TerminalOperator(progress.say))
-    found = fit(bundle, bench, provenance_of(rig, devices), table.max_age_days)
+    found = fit(bundle, bench, provenance_of(rig, devices), rig.table.calibration.max_age_days)
     found.require(bundle)
     for note in found.notes:
         progress.say(note)

@@ -88,6 +88,8 @@ def carriage_of(
     provenance: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
         provenance["position_error"] = unit * mount.error_mm
+    if unit != 1.0:
+        provenance["unit_mm"] = 1 / unit
     if mount is not None and mount.turn_error_deg is not None:
         provenance["turn_error_deg"] = mount.turn_error_deg
     ahead_mm = 0.0

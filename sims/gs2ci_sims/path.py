@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.cameras import rigid
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene
@@ -64,12 +65,10 @@ class StageMove(BoundedRecord):
         """Get the poses at the given times, [T, 4, 4]: translation along the rail, then rotation about the camera."""
         time = np.asarray(time_s, dtype=np.float64)
         angles = np.sin(2 * np.pi * self.wobble_hz * time[:, None] + WOBBLE_PHASES)
-        moved = np.tile(np.eye(4), (len(time), 1, 1))
-        moved[:, :3, 3] = -time[:, None] * np.array(self.velocity)
+        moved = rigid(np.eye(3), -time[:, None] * np.array(self.velocity))
         if self.wobble_deg == 0:
             return moved @ self.reference_world_to_camera
-        turned = np.tile(np.eye(4), (len(time), 1, 1))
-        turned[:, :3, :3] = Rotation.from_rotvec(np.deg2rad(self.wobble_deg) * angles).as_matrix()
+        turned = rigid(Rotation.from_rotvec(np.deg2rad(self.wobble_deg) * angles).as_matrix(), np.zeros(3))
         return turned @ moved @ self.reference_world_to_camera
 
 
@@ -145,6 +144,4 @@ class ReversingMove(BoundedRecord):
         time = np.asarray(time_s, dtype=np.float64)
         phase = np.mod(time / self.period_s + 0.25, 1.0)
         travelled_s = self.period_s * (0.25 - np.abs(phase - 0.5))
-        poses = np.tile(np.eye(4), (len(time), 1, 1))
-        poses[:, :3, 3] = -travelled_s[:, None] * np.array(self.velocity)
-        return poses @ self.reference_world_to_camera
+        return rigid(np.eye(3), -travelled_s[:, None] * np.array(self.velocity)) @ self.reference_world_to_camera

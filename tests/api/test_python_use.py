@@ -289,7 +289,7 @@ def test_an_interruption_that_compiled_code_hides_is_one():
         (gs2ci.reconstruct, {"shot": "shot.h5", "iterations": 0}, "reconstruct shot.h5 --iterations 0"),
         (gs2ci.reconstruct, {"shot": "no.h5"}, "reconstruct no.h5"),
         (gs2ci.reconstruct, {"shot": "shot.h5", "device": "cuda:77"}, "reconstruct shot.h5 -o other --device cuda:77"),
-        (gs2ci.decode, {"shot": "shot.h5", "denoiser": "nlm"}, "decode shot.h5 --denoiser nlm"),
+        (gs2ci.decode, {"shot": "shot.h5", "denoiser": "tv"}, "decode shot.h5 --denoiser tv"),
         (gs2ci.measure, {"run": "run", "one": (99, 0), "other": (1, 1)}, "measure run 99,0 1,1"),
         (gs2ci.plan, {"rig": "rig.toml", "tolerance_dn": 0.0}, "plan rig.toml --tolerance-dn 0"),
         (gs2ci.evaluate, {"run": "run", "shot": "shot.h5", "electrons": 5.0}, "evaluate run shot.h5 --electrons 5"),

@@ -21,7 +21,7 @@ from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
-from gs2ci.reconstruct.decode.denoisers import NonLocalMeans, TotalVariation
+from gs2ci.reconstruct.decode.denoisers import TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
@@ -48,29 +48,27 @@ def run() -> None:
         print("skipped: no video_sci in GS2CI_SHARED_DATA or ../shared/data")
         return
     print(
-        f"{torch.get_num_threads()} threads\n"
-        "file     decoder             measured at    PSNR  published    SSIM  seconds"
+        f"{torch.get_num_threads()} threads\nfile     decoder             measured   PSNR  published    SSIM  seconds"
     )
-    decoders: dict[str, tuple[_Decoder, int | None, str]] = {
-        "GAP-TV": (lambda shot: gap_tv(shot, AS_PUBLISHED), None, "GAP-TV"),
-        "GAP-TV coupled": (lambda shot: gap_tv(shot, choose_coupling(shot, AS_PUBLISHED, 0)), None, "GAP-TV"),
-        "PnP-GAP TV": (_plugged(TotalVariation()), None, ""),
-        "PnP-GAP NLM": (_plugged(NonLocalMeans()), 1, ""),
+    decoders: dict[str, tuple[_Decoder, str]] = {
+        "GAP-TV": (lambda shot: gap_tv(shot, AS_PUBLISHED), "GAP-TV"),
+        "GAP-TV coupled": (lambda shot: gap_tv(shot, choose_coupling(shot, AS_PUBLISHED, 0)), "GAP-TV"),
+        "PnP-GAP TV": (_plugged(TotalVariation()), ""),
     }
     with tempfile.TemporaryDirectory() as folder:
         network = ffdnet(data / "weights" / "ffdnet_gray.pth", Path(folder))
         if network is not None:
-            decoders["PnP-GAP FFDNet"] = (_plugged(network), None, "PnP-GAP FFDNet")
+            decoders["PnP-GAP FFDNet"] = (_plugged(network), "PnP-GAP FFDNet")
         for name, file in FILES.items():
             if not (data / "video_sci" / file).is_file():
                 print(f"{name:8s} skipped: no {file}")
                 continue
             shots = import_shots(data / "video_sci" / file, None, ImportOptions()).shots
-            for decoder, (decode, limit, peer) in decoders.items():
-                _row(name, decoder, decode, shots[:limit], PUBLISHED.get(peer, {}).get(name), len(shots))
+            for decoder, (decode, peer) in decoders.items():
+                _row(name, decoder, decode, shots, PUBLISHED.get(peer, {}).get(name))
 
 
-def _plugged(denoise: TotalVariation | NonLocalMeans | OnnxDenoiser) -> _Decoder:
+def _plugged(denoise: TotalVariation | OnnxDenoiser) -> _Decoder:
     return lambda shot: np.clip(plug_and_play(shot, denoise, PlugAndPlaySettings()), 0, 1)
 
 
@@ -83,7 +81,7 @@ def ffdnet(weights: Path, folder: Path) -> OnnxDenoiser | None:
         return None
 
 
-def _row(name: str, decoder: str, decode: _Decoder, shots: list[Shot], published: float | None, of: int) -> None:
+def _row(name: str, decoder: str, decode: _Decoder, shots: list[Shot], published: float | None) -> None:
     psnr: list[float] = []
     ssim: list[float] = []
     seconds = 0.0
@@ -96,7 +94,7 @@ def _row(name: str, decoder: str, decode: _Decoder, shots: list[Shot], published
         ssim += ssim_per_view(views, shot.truth.views)
     peer = "" if published is None else f"{published:.2f}"
     print(
-        f"{name:8s} {decoder:18s} {len(shots)} of {of} shots  {np.mean(psnr):6.2f} {peer:>10s}  {np.mean(ssim):6.4f}  "
+        f"{name:8s} {decoder:18s} {len(shots)} shots  {np.mean(psnr):6.2f} {peer:>10s}  {np.mean(ssim):6.4f}  "
         f"{seconds:7.1f}",
         flush=True,
     )

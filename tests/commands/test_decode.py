@@ -106,7 +106,7 @@ def test_patches_are_decoded_and_said(tmp_path, file, method):
     assert report["psnr_db"] > 35
 
 
-@pytest.mark.parametrize("denoiser", [None, "tv", "nlm", "onnx"])
+@pytest.mark.parametrize("denoiser", [None, "tv", "onnx"])
 def test_plug_and_play_takes_any_denoiser(tmp_path, file, model, denoiser):
     name = model("Relu") if denoiser == "onnx" else denoiser
     words = [] if name is None else ["--denoiser", name]
@@ -146,7 +146,7 @@ def test_a_proxy_may_be_asked_for_by_name(tmp_path, file, method):
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["--denoiser", "nlm"], "--denoiser with --method gap-tv"),
+        (["--denoiser", "tv"], "--denoiser with --method gap-tv"),
         (["--method", "pnp-gap", "--denoiser", "bm3d"], "denoiser 'bm3d'"),
         (["--method", "pnp-gap", "--denoiser", "onnx:absent.onnx"], "no model file"),
         (["--method", "pnp-gap", "--coupling", "0.1"], "--coupling with --method pnp-gap"),

@@ -1,5 +1,7 @@
 """`gs2ci live`: where it is, and that it leaves a bench at rest."""
 
+import re
+
 from gs2ci.commands import live
 from gs2ci.rig.live import bench as live_bench
 from tests.rig.live.conftest import MODULATOR, RIG
@@ -23,5 +25,5 @@ def test_it_says_where_the_bench_is_and_closes_it(tmp_path, monkeypatch, capsys)
 
     monkeypatch.setattr(live, "wait_for_the_end", interrupted)
     live.run(rig=path, port=0)
-    assert "the bench is at http://127.0.0.1:" in capsys.readouterr().out
+    assert re.search(r"the bench is at http://127\.0\.0\.1:\d+/\?secret=[\w-]+\n", capsys.readouterr().out)
     assert closed == [[]]

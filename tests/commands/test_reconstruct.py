@@ -1,6 +1,7 @@
 import json
 import tempfile
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from gs2ci.api.overrides import Overrides
 from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot, Truth
-from gs2ci.core.storage import write_shots
+from gs2ci.core.storage import sealing, write_shots
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
@@ -183,7 +185,7 @@ def test_within_a_budget_one_run_folder_is_written_and_what_is_left_goes_to_the_
     report = read_report(reconstruct.run(measured, tmp_path / "run", budget="10min", fits=1))
     said = capsys.readouterr().out.replace("\n", " ")
     assert "Of 10 min 00 s" in said
-    assert "are left for the fit of preset" in said
+    assert "the rest allows the fit of preset" in said
     assert len(written) == 1
     assert report.settings["seed"] == 42
     assert report.settings["decode"]["iterations"] == PRESETS["standard"].decode.iterations
@@ -197,10 +199,20 @@ def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
         reconstruct.run(measured, tmp_path / "run", budget="soon")
 
 
-def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_path):
-    with pytest.raises(InputError, match="not enough"):
-        reconstruct.run(measured, tmp_path / "run", budget="0.1s")
-    assert not (tmp_path / "run").exists()
+def test_a_disk_without_room_for_the_run_is_told_before_anything_is_fitted(measured, tmp_path, monkeypatch):
+    monkeypatch.setattr(sealing.shutil, "disk_usage", lambda _: SimpleNamespace(free=1_100_000))
+    monkeypatch.setattr(reconstruct.reconstruction, "reconstruct", lambda *_, **__: pytest.fail("it was fitted"))
+    with pytest.raises(StorageError, match=r"new/run: the disk has 1.1 MB free; allowed: 1.2 MB or more"):
+        reconstruct.run(measured, tmp_path / "new" / "run")  # 56 bytes for each of 3 x 24 x 32 pixels, and 1 MB
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_budget_that_is_over_after_the_decode_delivers_its_views_and_says_so(measured, tmp_path, capsys):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", budget="0.1s"))
+    note = report.found(Code.TIME_TOO_SHORT)
+    assert note.sentence in capsys.readouterr().out.replace("\n", " ")
+    assert report.settings["fit"]["iterations"] == report.curve[-1].iteration == 1
+    assert np.isfinite(np.load(tmp_path / "run" / "views.npy")).all()
 
 
 def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_distance(measured, tmp_path):

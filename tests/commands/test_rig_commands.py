@@ -6,10 +6,12 @@ from types import SimpleNamespace
 
 import h5py
 import numpy as np
+import pytest
 
 from gs2ci.core.storage import count_shots, read_shot, sealing, writer
 from gs2ci.core.storage.guarded_file import GuardedFile
 from gs2ci.rig import discovery, until
+from gs2ci.rig.opening import Rig
 
 RIG = """
 name = "tiny"
@@ -107,6 +109,16 @@ def test_a_plan_that_breaks_limits_is_printed_and_refused(rig, capsys, gs2ci):
     captured = capsys.readouterr()
     assert "NO" in captured.out
     assert "time per mask" in captured.err
+
+
+def test_a_bundle_that_cannot_be_read_is_told_before_any_device_is_opened(rig, capsys, gs2ci, monkeypatch):
+    monkeypatch.setattr(Rig, "open", lambda *_: pytest.fail("a device was opened"))
+    for words in (("capture", "--calibration", "no.h5"), ("capture", "--calibration", rig), ("calibrate", "sensor")):
+        out = "shot.h5" if words[0] == "capture" else "damaged.h5"
+        rig.with_name("damaged.h5").write_bytes(b"no HDF5")
+        assert gs2ci(*words, "--rig", rig, "-o", out) == 2
+        assert (words[-1] if words[-1] == "no.h5" else "HDF5") in capsys.readouterr().err
+        assert {path.name for path in rig.parent.iterdir()} <= {rig.name, "damaged.h5"}
 
 
 def test_another_number_of_shots_can_be_asked_for(rig, capsys, gs2ci):

@@ -44,7 +44,7 @@ def test_it_serves_until_interrupted_and_says_what_and_where(served, capsys, arg
     calls, server = served
     assert tyro.cli(view.run, args=["run", *arguments]) is None
     assert calls == [where]
-    assert f"5 Gaussians, 3 cameras at {server.address};" in capsys.readouterr().out
+    assert f"5 Gaussians, 3 cameras at {server.address}\n" in capsys.readouterr().out
     assert server.stopped
 
 

@@ -217,6 +217,16 @@ def test_lengths_are_in_millimetres_only_if_the_stage_of_a_rig_reported_the_path
     assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == unit
 
 
+def test_lengths_of_a_simulated_rig_are_in_its_scenes_units_of_so_many_millimetres(wall):
+    told = wall.report.model_copy(
+        update={
+            "geometry": replace(wall.report.geometry, unit_of="stage"),
+            "provenance": {"source": "simulated rig", "telemetry": {"unit_mm": 50.0}},
+        }
+    )
+    assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == "units of 50 mm"
+
+
 def test_lengths_of_a_run_without_geometry_are_in_units_of_the_scene(wall):
     told = wall.report.model_copy(update={"geometry": None, "provenance": {"source": "rig"}})
     assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == "scene units"

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from gs2ci.rig.calibrated import load
+from gs2ci.rig.calibrated import bundle_of, load
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import load_rig
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
@@ -70,6 +70,7 @@ def loaded(connected):
 
     def run(bundle, **options):
         with connected() as (rig, devices):
-            return load(rig, devices, bundle, **options)
+            found = bundle_of(rig, bundle)
+            return None if found is None else load(rig, devices, found, **options)
 
     return run

@@ -103,7 +103,7 @@ def test_a_captures_telemetry_is_as_true_as_the_calibration_of_the_stage(rig, tm
     )
     assert errors["calibrated"] < 2 * stated < 0.004
     assert errors["nominal"] > 0.08
-    assert shots["nominal"].provenance["telemetry"] == {"axes_from": "[stage.mount]"}
+    assert shots["nominal"].provenance["telemetry"]["axes_from"] == "[stage.mount]"
     told = shots["calibrated"].provenance["telemetry"]
     assert told["axes_from"] == "calibration"
     assert told["measured_utc"] == section.measured_utc
@@ -161,8 +161,9 @@ def test_an_axis_that_was_not_measured_is_taken_from_the_rig_file_and_it_says_so
     provenance = carriage_of(stated, TRAVEL, None).provenance
     assert provenance["position_error"] == pytest.approx(0.02)
     assert provenance["turn_error_deg"] == 0.05
+    assert provenance["unit_mm"] == pytest.approx(10.0)
     carriage = carriage_of(table({"mount": {"x": [0.0, 0.0, 1.0]}}), TRAVEL, measured("y", (0.0, 1.0, 0.0), 3.0))
-    assert carriage.provenance == {"axes_from": "[stage.mount]"}
+    assert carriage.provenance == {"axes_from": "[stage.mount]", "unit_mm": 100.0}
     poses = carriage.world_to_camera(np.array([[13.0, 5.0], [13.0, 6.0]]), ("x", "y"))
     assert poses[:, :3, 3] == pytest.approx(np.array([[0, 0, -1.0], [0, -3.0, -1.0]]))
 

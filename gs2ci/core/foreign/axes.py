@@ -257,6 +257,11 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
         remedy = f"each mask is one row of {pixels} numbers: reshape the masks to {wanted} before saving"
     elif len(shape) == 1:
         remedy = f"the measurement is one row of {shape[0]} numbers: reshape it to [H, W] before saving"
+    elif bits := _packed_bits(measurement, mask_shape):
+        remedy = (
+            f"rows of bytes are {bits / 8:g} times as long as the masks': unpack pixels of {bits} bits before saving, "
+            "or give the file that the camera wrote (a TIFF of 12 bits is unpacked)"
+        )
     elif told := _enlarged(shape, mask_shape):
         remedy += f"; {told}"
     if mask_axis != "auto":
@@ -268,6 +273,15 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
         "[H, W, 3, K], [H, W, K, 3] or [K, H, W, 3]",
         remedy=remedy,
     )
+
+
+def _packed_bits(measurement: Array, masks: tuple[int, ...]) -> int | None:
+    """Return the bits of a pixel if bytes hold pixels of 10, 12 or 14 bits end to end."""
+    shape = measurement.values.shape
+    if measurement.values.dtype.itemsize != 1 or len(shape) != 2:
+        return None
+    wanted = ((bits, k) for bits in (10, 12, 14) for k in _readings(masks, _MASK_ORDERS))
+    return next((bits for bits, k in wanted if (shape[0], 8 * shape[1]) == (k.size[0], bits * k.size[1])), None)
 
 
 def _enlarged(shape: tuple[int, ...], masks: tuple[int, ...]) -> str:

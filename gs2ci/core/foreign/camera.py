@@ -94,7 +94,10 @@ def _doubt(matrix: F64, size: tuple[int, ...], guesses: list[str]) -> None:
             f"{width} x {height}: are the intrinsics those of this resolution?"
         )
     if not 0.2 * width < matrix[0, 0] < 50 * width:
-        guesses.append(f"WARNING: a focal length of {matrix[0, 0]:.4g} px for {width} px of width is unusual")
+        guesses.append(
+            f"WARNING: a focal length of {matrix[0, 0]:.4g} px for {width} px of width is unusual: intrinsics count in "
+            f"pixels; lengths in mm are divided by the pixels' pitch, shares of the width multiplied by {width}"
+        )
 
 
 def trajectory(where: str, rows: F64, guesses: list[str]) -> F64:

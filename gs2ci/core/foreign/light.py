@@ -89,6 +89,14 @@ class LightQuestion:
         """Get the plane that is asked: of the first measurement, its green."""
         return self.readings[0, :, :, self.readings.shape[3] // 2]
 
+    @property
+    def closed_are_dark(self) -> bool:
+        """Get whether pixels that no mask opens, if there are any, read less than half of what others do."""
+        closed = self.open_masks <= 0
+        if not closed.any() or closed.all():
+            return True
+        return bool(self.image[closed].mean() < 0.5 * self.image[~closed].mean())
+
     def grow(self, curve: Curve | None = None) -> Growth | None:
         """Draw readings over open masks, as given or with a curve undone."""
         full = full_scale(self.measurement.values)
@@ -226,7 +234,7 @@ def _which_curve(question: LightQuestion, found: Growth, clipped: bool, guesses:
     if found.is_biased:
         # Selection bends right readings as well, and undoing a curve then overshoots by half.
         fitting = {curve: grown for curve, grown in fitting.items() if abs(grown.slope - 1) < _SLOPE_UNDONE}
-    if DIVIDED in fitting and not _is_divided(found, fitting[DIVIDED]):
+    if DIVIDED in fitting and not (question.closed_are_dark and _is_divided(found, fitting[DIVIDED])):
         del fitting[DIVIDED]
     best = min(fitting, key=lambda curve: _distance(fitting[curve]), default=None)
     beyond = _SIGMAS * found.curvature_error

@@ -23,8 +23,26 @@ _FEWEST_PILED: Final = 10
 _CLOSE_BELOW: Final = 0.95
 # Behind masks that differ by less, a white scene gives equal readings.
 _SAME_MULTIPLICITY: Final = 0.01
+# Noise about 0 leaves half of the readings of a dark picture below it.
+MOST_NEGATIVE: Final = 0.9
 # Highlights may clip; a picture that clips over more than this was exposed for too long.
 MANY_CLIPPED: Final = 0.05
+
+
+def lit(measurement: Array, readings: F64) -> F64:
+    """Return readings above the one without light, [K, H, W, C]: light has no negative sign.
+
+    Raises:
+        InputError: Nearly all are below 0.
+    """
+    share = float((readings < 0).mean())
+    if share > MOST_NEGATIVE:
+        raise InputError(
+            f"{measurement.where}: {share:.0%} of the readings lie below the reading without light",
+            allowed=f"at most {MOST_NEGATIVE:.0%} below 0 once it is subtracted",
+            remedy="subtract the dark frame from the lit one, not the reverse; or correct --offset",
+        )
+    return readings
 
 
 def mend(

@@ -13,6 +13,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import rigid
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.camera import TRAJECTORIES, trajectory
 from gs2ci.core.foreign.camera_files import is_camera_file, read_poses
@@ -79,8 +80,7 @@ def _straight(path: Path, places: F64, ways: Sequence[str], axes: F64, guesses: 
     if len(places) > 1 and not np.ptp(places, axis=0).any():
         raise InputError(f"{path}: all {len(places)} positions are the same", remedy="leave --stage out, or mend it")
     places = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
-    poses = np.tile(np.eye(4), (len(places), 1, 1))
-    poses[:, :3, 3] = -places @ axes
+    poses = rigid(np.eye(3), -places @ axes)
     told = ", ".join(f"{way} as {axis} grows" for axis, way in zip(_AXES, ways, strict=True))
     guesses.append(f"{path.name}: poses of the stage: the camera goes {told}, and does not turn (--stage-axes)")
     return Array(str(path), poses)

@@ -4,6 +4,7 @@ Here: its sections and their contents. Not here: the parts of sections (`pieces.
 (`next_steps.py`), reading the folder (`run_evidence.py`).
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -145,6 +146,12 @@ def _where_from(report: Report) -> str:
         return "The views are rendered from the scene."
     if report.verdict == "decode":
         return "The views are those of the decode: its residual on the held-out pixels is smaller than the scene's."
+    combined = report.found(Code.VIEWS_COMBINED)
+    share = None if combined is None else combined.figures["decode"]
+    if isinstance(share, float) and share > 0.5:
+        return (
+            f"The views are mostly those of the decode ({share:.0%}): the scene explains the held-out pixels less well."
+        )
     ensemble = report.ensemble
     if ensemble is None or ensemble.averaged == 1 or ensemble.spread is None:
         return "The views are rendered from the scene and refined by its residual."
@@ -158,7 +165,11 @@ def _figures(report: Report) -> list[FigureOfMerit]:
     """Return the most important figures: the summary's, without what only completes another."""
     judged = report.heldout_rms is not None
     rest = ("rotation", "residual") if judged else ("rotation",)
-    return [FigureOfMerit(value, name, remark) for name, value, remark in summary_rows(report) if name not in rest]
+    rows = [row for row in summary_rows(report) if row[0] not in rest]
+    # A unit stays on the line of its number.
+    return [
+        FigureOfMerit(value, name, re.sub(r"(?<=\d) (?=s\b|MiB)", "\u00a0", remark)) for name, value, remark in rows
+    ]
 
 
 def _views(report: Report, pictures: RunPictures) -> Markup:

@@ -7,7 +7,7 @@ photometric target of a fit.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
@@ -107,7 +107,6 @@ def _equation(shot: Shot, rows: slice) -> tuple[F32, F32]:
     return masks, read
 
 
-Beginning = Literal["average", "transpose"]
 # From views as the sensor measures them, [N, C or mosaic, H, W], to denoised views: as measured, and in full colour.
 _Prior = Callable[[F32, float], tuple[F32, F32]]
 
@@ -132,14 +131,10 @@ class PlugAndPlaySettings(Bounded):
     Args:
         sigmas: Noise levels given to the denoiser, one after the other, full scale 1.
         iterations: Steps at each level.
-        begin: The first views: `average`, the measurement divided by its total exposure; or `transpose`, each mask
-            times the measurement, several times too bright, as in the authors' program (Yuan et al. 2020,
-            github.com/liuyang12/PnP-SCI_python), for comparison with its figures.
     """
 
     sigmas: Annotated[tuple[Positive, ...], Field(min_length=1)] = (50 / 255, 25 / 255, 12 / 255, 6 / 255)
     iterations: PositiveInt = 10
-    begin: Beginning = "average"
 
 
 @dataclass(frozen=True)
@@ -184,7 +179,7 @@ def plug_and_play(
         denoise: The denoiser.
         settings: The schedule.
         progress: Receives each iteration and its relative residual.
-        start: First views, in the form that is returned; None: as in the settings.
+        start: First views, in the form that is returned; None: the measurement divided by its total exposure.
         enough: Called after each step with its views in full colour, [N, C, H, W]; if it returns True, that step is the
             last.
         noise: Of the readings, which GAP weighs; None: readings are explained exactly. For several measurements, of
@@ -210,10 +205,8 @@ def plug_and_play(
     targets = [one.measured.copy() if known else np.zeros_like(one.measured) for one in equations.each]
     if start is not None:
         views = _as_measured(planar(start), channels)
-    elif settings.begin == "average":
-        views = _average_exposure(equations.masks, equations.measured, equations.counts, channels)
     else:
-        views = np.sum([one.masks[:, None] * one.measured for one in equations.each], axis=0, dtype=np.float32)
+        views = _average_exposure(equations.masks, equations.measured, equations.counts, channels)
     device = working_device()
     if device is not None and channels is None and enough is None and len(targets) == 1:
         smooth = _total_variation(denoise)

@@ -154,5 +154,4 @@ def _alike(stack: F32, ones: F64, others: F64) -> Bool:
         patches.append(values.reshape(len(places), -1))
     product = (patches[0] * patches[1]).sum(axis=1)
     size = np.linalg.norm(patches[0], axis=1) * np.linalg.norm(patches[1], axis=1)
-    alike: Bool = product > _LEAST_LIKENESS * np.maximum(size, np.finfo(np.float64).tiny)
-    return alike
+    return product > _LEAST_LIKENESS * np.maximum(size, np.finfo(np.float64).tiny)

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, rms_of
 from gs2ci.reconstruct.exposures.pairs import Pair
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 
@@ -50,8 +50,7 @@ def group_of_most(pairs: Pairs, count: int) -> list[int]:
     ends = np.array(list(pairs), np.int64).reshape(-1, 2)
     joined = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(count, count))
     group = connected_components(joined, directed=False)[1]
-    found: list[int] = np.flatnonzero(group == np.bincount(group).argmax()).tolist()
-    return found
+    return np.flatnonzero(group == np.bincount(group).argmax()).tolist()
 
 
 def closed(pairs: Pairs, count: int) -> Closed:
@@ -67,7 +66,7 @@ def closed(pairs: Pairs, count: int) -> Closed:
         group = group_of_most(held, count)
         inside = {pair: found for pair, found in held.items() if pair[0] in group}
         similarities = _adjusted(inside, group)
-        off = {pair: float(np.sqrt(np.mean(_errors(found, similarities, pair) ** 2))) for pair, found in inside.items()}
+        off = {pair: rms_of(_errors(found, similarities, pair)) for pair, found in inside.items()}
         worst = max(off, key=lambda pair: off[pair], default=None)
         if worst is None or off[worst] <= _CONTRADICTS:
             return Closed(similarities, tuple(inside), tuple(contradicting))
@@ -111,8 +110,7 @@ def _errors(pair: Pair, similarities: dict[int, Similarity], which: tuple[int, i
     between = similarities[which[1]].inverse.after(similarities[which[0]])
     change = pair.other_from_one.change_to(between, pair.centre, pair.unit)
     covariance = pair.covariance + np.diag(_DISTORTED**2)
-    errors: F64 = np.linalg.solve(np.linalg.cholesky(covariance), change)
-    return errors
+    return np.linalg.solve(np.linalg.cholesky(covariance), change)
 
 
 def _seen(number: int, similarities: dict[int, Similarity], pairs: Pairs) -> tuple[F64, float]:

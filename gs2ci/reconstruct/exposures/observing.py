@@ -21,6 +21,7 @@ from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Untied
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.ensemble import member_seed
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -232,16 +233,9 @@ def observe_all(
 
     intrinsics = shots[0].intrinsics
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
-        own = replace(settings, seed=_seed(settings.seed, number))
+        own = replace(settings, seed=member_seed(settings.seed, number, 0xE1))
         given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
         observed = (keeping or in_memory)(number, given, own, score)
         if intrinsics is None:
             intrinsics = observed().first.geometry.intrinsics
         yield ObservedExposure(number, shot.name, observed, shot)
-
-
-def _seed(seed: int, number: int) -> int:
-    """Return the seed of an exposure: the given one for the first."""
-    if number == 0:
-        return seed
-    return int(np.random.SeedSequence([seed, 0xE1, number]).generate_state(1, np.uint64)[0] >> 1)

@@ -22,6 +22,7 @@ from gs2ci.core.colmap import colmap_camera, pycolmap
 from gs2ci.reconstruct.exposures.corners import Matches, followed, matched
 from gs2ci.reconstruct.exposures.pictures import MeanPicture
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
+from gs2ci.reconstruct.geometry.path.adjustment_kernels import LEAST_RELATIVE_DEPTH
 from gs2ci.reconstruct.measurement.noise import MEDIAN_DEVIATE
 
 # A camera's place needs so many matches that agree with it, within so many px. Of proposals that 13 and more agreed
@@ -41,7 +42,6 @@ LEAST_SHARE: Final = 0.15
 _LEAST_SHARE_AT_FIRST: Final = 0.05
 _STEPS: Final = (0.01, 0.01, 0.01, 0.02, 0.02, 0.02, 0.05)
 # A point that comes behind the camera while a similarity is sought stays far out, and finite.
-_NEAREST: Final = 1e-3
 _FARTHEST_PX: Final = 1e4
 
 
@@ -203,6 +203,6 @@ def projected(points: F64, poses: F64, intrinsics: F64) -> tuple[F64, F64]:
     What lies behind the camera is placed far out, at a small depth.
     """
     inside = np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3]
-    depth = np.maximum(inside[:, 2], _NEAREST)
+    depth = np.maximum(inside[:, 2], LEAST_RELATIVE_DEPTH)
     flat = np.einsum("nij,nj->ni", intrinsics, inside / depth[:, None])[:, :2]
     return flat.clip(-_FARTHEST_PX, _FARTHEST_PX), depth

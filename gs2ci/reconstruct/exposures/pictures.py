@@ -15,15 +15,12 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
-from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth, grid, project, turns_far
+from gs2ci.reconstruct.geometry.depth.view_depths import NEIGHBOURS, ViewDepth, grid, project, turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.motion import rays
 from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 from gs2ci.reconstruct.geometry.tracks.features import find_features
 
-# Where the path turns far, a picture is the mean of its view and so many others, those turned least against it: the
-# rest see other surfaces.
-_NEIGHBOURS: Final = 3
 # Depths of exposures are right to this share, planes where no depth was found to that.
 _DEPTH_ERROR: Final = 0.12
 _PLANE_ERROR: Final = 0.5
@@ -54,8 +51,7 @@ class MeanPicture:
     @property
     def centre(self) -> F64:
         """Get the centre of its camera, [3], in the exposure's coordinates."""
-        centre: F64 = -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
-        return centre
+        return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
 
     def lifted(self, pixels: F64) -> F64:
         """Return what is seen at places in the picture, [P, 2] px, in the exposure's coordinates, [P, 3]."""
@@ -83,7 +79,8 @@ def pictures_of(views: F32, geometry: Geometry) -> tuple[MeanPicture, ...]:
     found = []
     for depth in depths_of(geometry):
         likeness = poses[:, 2, :3] @ poses[depth.view, 2, :3]
-        chosen = np.argsort(-likeness, kind="stable")[: _NEIGHBOURS + 1] if far else np.arange(len(views))
+        # Of views that turn far, the mean of those turned least against this one: the rest see other surfaces.
+        chosen = np.argsort(-likeness, kind="stable")[: NEIGHBOURS + 1] if far else np.arange(len(views))
         pose, intrinsics = poses[depth.view], geometry.intrinsics
         image = _mean(views[chosen], poses[chosen], pose, intrinsics, depth.inverse_depth)
         found.append(MeanPicture(image, pose, intrinsics, depth.inverse_depth, error, *find_features(image)))
@@ -101,8 +98,7 @@ def _mean(views: F32, world_to_camera: F64, pose: F64, intrinsics: F64, inverse_
         warped, inside = sampled(view, places.reshape(*size, 2))
         total += np.where(inside[..., None], warped, np.float32(0))
         count += inside[..., None]
-    mean: F32 = (total / np.maximum(count, 1)).astype(np.float32)
-    return mean
+    return (total / np.maximum(count, 1)).astype(np.float32)
 
 
 def sampled(image: F32, places: F64) -> tuple[F32, Bool]:

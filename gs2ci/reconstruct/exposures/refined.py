@@ -166,7 +166,7 @@ def _map(inverse_depth: F32, pixels: F64, depth: F64) -> F32:
         numbers = np.asarray(np.linalg.lstsq(model * weight[:, None], known * weight, rcond=None)[0], np.float64)
         off = np.abs(known - model @ numbers)
         spread = max(float(np.median(off)) / MEDIAN_DEVIATE, float(np.finfo(np.float64).tiny))
-        weight = np.asarray(1 / np.sqrt(1 + (off / (_ROBUST * spread)) ** 2), np.float64)
+        weight = 1 / np.sqrt(1 + (off / (_ROBUST * spread)) ** 2)
     far, near = np.percentile(known, _ENDS) * _RANGE
     return (numbers[0] * inverse_depth + numbers[1]).clip(far, near).astype(np.float32)
 

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, rms_of
 from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.progress import Progress, said
 from gs2ci.reconstruct.choices import LeftOut
@@ -161,7 +161,7 @@ class _Predicted:
     @property
     def misfit(self) -> float:
         """Get the root mean square of what is left, in the measurement's brightness."""
-        return self.light * float(np.sqrt(np.mean(self.left**2)))
+        return self.light * rms_of(self.left)
 
     def displacement_px(self) -> F64:
         """Return by how much the views seem displaced there, to first order: as a mean and by time, [2, 2] px."""

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import rigid
 
 CHANGES = 7
 """Numbers of a small change: rotation vector, movement of the centre, logarithm of the scale."""
@@ -46,15 +47,12 @@ class Similarity:
 
     def points(self, points: F64) -> F64:
         """Return points of the source, [..., 3], in the target."""
-        moved: F64 = self.scale * points @ self.rotation.T + self.translation
-        return moved
+        return self.scale * points @ self.rotation.T + self.translation
 
     def poses(self, world_to_camera: F64) -> F64:
         """Return poses of the source, [N, 4, 4], in the target: rigid motions in its unit."""
-        moved = np.tile(np.eye(4), (len(world_to_camera), 1, 1))
-        moved[:, :3, :3] = world_to_camera[:, :3, :3] @ self.rotation.T
-        moved[:, :3, 3] = self.scale * world_to_camera[:, :3, 3] - moved[:, :3, :3] @ self.translation
-        return moved
+        turned = world_to_camera[:, :3, :3] @ self.rotation.T
+        return rigid(turned, self.scale * world_to_camera[:, :3, 3] - turned @ self.translation)
 
     def changed(self, change: F64, centre: F64, unit: float) -> "Similarity":
         """Return this similarity after a small change.

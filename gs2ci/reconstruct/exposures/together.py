@@ -132,7 +132,7 @@ def adjusted_together(start: Sequence[Similarity], corners: Corners, centres: F6
         damping = max(damping / _DAMPING_FACTOR, least)
         if gained < _SETTLED * new.cost:
             break
-    distances: F64 = np.asarray(np.linalg.norm(_Looked.at(state, corners).errors, axis=1) * PLACE_ERROR_PX, np.float64)
+    distances: F64 = np.linalg.norm(_Looked.at(state, corners).errors, axis=1) * PLACE_ERROR_PX
     covariance: F64 = np.asarray(np.linalg.pinv(normal.reduced(0.0)[0]), np.float64)
     return Adjusted(state.similarities, np.exp(state.logarithms), distances, covariance)
 

@@ -50,8 +50,7 @@ def with_rule(settings: CoarseSettings, name: str) -> CoarseSettings:
 
 
 def _of_the_paper(name: str) -> RuleChoice:
-    choice: RuleChoice = paper_part(PaperPart.DENSITY_RULES)[name]
-    return choice
+    return paper_part(PaperPart.DENSITY_RULES)[name]
 
 
 def _plugged(name: str) -> RuleChoice:

@@ -95,8 +95,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         own = ", ".join(GEOMETRY_NAMES[:-1])
         more = ", ".join(("file:PATH", *names(GEOMETRY_GROUP)))
         raise InputError(f"geometry {name!r}", allowed=f"{own}, {more}, vggt, vggt:FILE or vggt-or-tracks")
-    made: GeometryPrior = prior()
-    return made
+    return prior()
 
 
 @dataclass(frozen=True)
@@ -185,7 +184,7 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
 def _line_of(geometry: Geometry) -> F64:
     """Return the direction, [3], of either sign, along which a path is longest, as its reference camera sees it."""
     centres = camera_centres(geometry.world_to_camera)
-    return np.asarray(np.linalg.svd(centres - centres.mean(axis=0))[2][0])
+    return np.linalg.svd(centres - centres.mean(axis=0))[2][0]
 
 
 def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:

@@ -1,8 +1,7 @@
 """The motion of things in the picture: dense optical flow minus the flow by the camera's motion and the depth.
 
-Here: the flow from the reference view to the others, by OpenCV's dense inverse search (Kroeger et al. 2016), the part
-of it that a scene at rest would show, and the velocity that fits the rest. Not here: its use
-(`gs2ci.reconstruct.fit.scene.motion`).
+Here: the part of the flow from the reference view to the others that a scene at rest would show, and the velocity that
+fits the rest. Not here: the flow between two pictures (`decode.patches.flow`), its use (`fit.scene.motion`).
 """
 
 from typing import Final
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.decode.patches.flow import LEAST_SIDE_PX, flow_from
 from gs2ci.reconstruct.geometry.depth.view_depths import grid
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.motion import predict_positions
@@ -19,8 +19,6 @@ from gs2ci.reconstruct.geometry.path.motion import predict_positions
 _BLUR_PX: Final = 1.5
 # Views nearer to the reference than this, in units of half the exposure, give a velocity that is mostly noise.
 _LEAST_TIME: Final = 0.25
-# Dense inverse search does not accept smaller pictures.
-_LEAST_SIZE_PX: Final = 16
 
 
 def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
@@ -37,17 +35,15 @@ def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
     count, height, width, _ = views.shape
     reference = geometry.reference
     others = [i for i in range(count) if abs(times[i] - times[reference]) >= _LEAST_TIME]
-    if not others or min(height, width) < _LEAST_SIZE_PX:
+    if not others or min(height, width) < LEAST_SIDE_PX:
         return np.zeros((height, width, 2), np.float32)
     grey = np.clip(views, 0, 1).mean(axis=3)
     smooth = [cv2.GaussianBlur((255 * view).astype(np.uint8), (0, 0), _BLUR_PX) for view in grey]
-    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     rates = []
     for i in others:
-        flow = search.calc(smooth[reference], smooth[i], None)
+        flow = flow_from(smooth[reference], smooth[i])
         rates.append((flow - still_flow(geometry, i)) / (times[i] - times[reference]))
-    found: F32 = np.median(rates, axis=0).astype(np.float32)
-    return found
+    return np.median(rates, axis=0).astype(np.float32)
 
 
 def still_flow(geometry: Geometry, view: int) -> F64:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.arrays import F32, F64, I64, Bool, Size
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.cameras import relative_to
+from gs2ci.core.cameras import relative_to, rigid
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.core.lens import slopes_of
@@ -233,7 +233,7 @@ def initialise(
 def flat_geometry(views: int, size: Size, camera: Focal) -> Geometry:
     """Return the assumption without an estimate: a camera at rest in front of a plane at inverse depth 1."""
     return Geometry(
-        world_to_camera=np.tile(np.eye(4), (views, 1, 1)),
+        world_to_camera=rigid(np.eye(3), np.zeros((views, 3))),
         intrinsics=camera.intrinsics,
         focal_source=camera.source,
         inverse_depth=np.ones(size, np.float32),

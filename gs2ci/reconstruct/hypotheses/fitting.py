@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Finding
 from gs2ci.core.halt import Halt
-from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
@@ -133,19 +134,20 @@ class Fits:
         self.clock.lap("fit")
         return timed
 
-    def within(self, budget: Budget | None, first: FirstLook) -> "Fits":
-        """Return the same with the fits that a budget allows: a few iterations are timed, and a step of polishing.
+    def within(self, budget: Budget | None, first: FirstLook) -> tuple["Fits", tuple[Finding, ...]]:
+        """Return the same with the fits that a budget allows, and what it allows.
+
+        A few iterations are timed, and a step of polishing.
 
         Without a budget nothing is changed.
         """
         if budget is None:
-            return self
+            return self, ()
         timed, polish = self.timed(first), self.settings.polish
         polish_s = 0.0 if polish is None else polish_seconds(self.holdout, first.decoded, polish)
-        settings, pace, said = budget.fit(self.settings, timed, self.clock.seconds().get("decode", 0.0), polish_s)
-        self.progress.say(said)
+        settings, pace, note = budget.fit(self.settings, timed, self.clock.seconds().get("decode", 0.0), polish_s)
         self.clock.lap("fit")
-        return replace(self, settings=settings, pace=pace)
+        return replace(self, settings=settings, pace=pace), said((note,), self.progress)
 
     def enter(self, hypothesis: Hypothesis, number: int = 0, of: int = 0, began: int = 0) -> Entrant:
         """Return a hypothesis as a fit that has not begun."""

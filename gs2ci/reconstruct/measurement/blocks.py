@@ -29,7 +29,7 @@ def ridged(gram: F64) -> F64:
     """Return the matrices of normal equations, [..., K, K], raised so far that each can be inverted."""
     size = gram.shape[-1]
     least = np.maximum(RIDGE * np.trace(gram, axis1=-2, axis2=-1) / size, np.finfo(np.float64).tiny)
-    return np.asarray(gram + np.eye(size) * least[..., None, None], np.float64)
+    return gram + np.eye(size) * least[..., None, None]
 
 
 def in_blocks(picture: F32 | F64, side_px: int = BLOCK_PX) -> F64:
@@ -45,7 +45,7 @@ def in_blocks(picture: F32 | F64, side_px: int = BLOCK_PX) -> F64:
 def block_sums(values: F64, side_px: int) -> F64:
     """Sum over blocks of this side, smaller ones at the end: [..., H, W] to [..., B, B']."""
     rows, columns = (np.arange(0, length, side_px) for length in values.shape[-2:])
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1), np.float64)
+    return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)
 
 
 def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int) -> NDArray[np.intp]:

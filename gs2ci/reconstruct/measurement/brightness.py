@@ -261,7 +261,7 @@ class LinearSystem:
         mean = float((found * self.light).sum() / self.light.sum())
         if mean <= 0 or not _RANGE[0] * mean <= found.min() <= found.max() <= _RANGE[1] * mean:
             return None
-        return np.asarray(found / mean, np.float64)
+        return found / mean
 
     def _normal(self, pixels: Tensor | slice = slice(None)) -> tuple[F64, F64]:
         """Return the normal matrix of some pixels, [L, L], and its right side, [L]."""
@@ -315,4 +315,4 @@ def told_modes(masks: F32) -> F64:
     """Return the modes of brightness, [L, R], in which masks, [L, P], L at least 1, tell views apart."""
     opened = torch.from_numpy(masks).to(work_place()).double()
     shares, modes = np.linalg.eigh((opened @ opened.T).cpu().numpy())
-    return np.asarray(modes[:, shares >= _LEAST_TOLD * shares.mean()])
+    return modes[:, shares >= _LEAST_TOLD * shares.mean()]

@@ -148,7 +148,7 @@ def over_blocks(blocks: F64) -> F64:
     """Smooth values of blocks, [rows, columns, ...], and add up those of neighbours."""
     flat = blocks.reshape(*blocks.shape[:2], -1)
     blurred = cv2.GaussianBlur(flat, (0, 0), _FIELD_BLOCKS, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(blurred, np.float64).reshape(blocks.shape)
+    return blurred.reshape(blocks.shape)
 
 
 def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> _Blocks | None:

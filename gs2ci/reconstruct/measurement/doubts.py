@@ -74,8 +74,7 @@ def _doubts_about_colours(shot: Shot) -> list[Finding]:
     """Report a single-channel measurement whose neighbours differ as those of another mosaic do."""
     if shot.measurement.shape[2] != 1:
         return []
-    opened = np.tensordot(shot.weights.astype(np.float64), shot.masks.astype(np.float64), 1)
-    pair = greens_of(shot.measurement[:, :, 0].astype(np.float64), opened)
+    pair = greens_of(shot.measurement[:, :, 0].astype(np.float64), white_reading(shot))
     if pair is None or (shot.cfa is not None and shot.cfa in pair):
         return []
     return [finding(Code.OTHER_MOSAIC, pair=pair, taken=shot.cfa or "one colour")]

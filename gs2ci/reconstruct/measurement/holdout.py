@@ -11,7 +11,7 @@ from typing import Final, Self
 import numpy as np
 import torch
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, rms_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import (
     MOST_OUTLIERS,
@@ -139,7 +139,7 @@ class Holdout:
 
     @staticmethod
     def _rms(residual: F64) -> float:
-        rms = float(np.sqrt(np.mean(residual**2)))
+        rms = rms_of(residual)
         return rms if np.isfinite(rms) else float("inf")
 
     def squared_residuals(self, views: F32) -> F64:
@@ -159,7 +159,7 @@ class Holdout:
         # Behind a colour filter array, which pixels see which colour; otherwise all pixels see all channels.
         sees = np.ones((len(light), 1)) if channels is None else channels.numpy() == np.arange(3)
         level = sees.T @ (light * measured) / np.maximum(sees.T @ (light * light), np.finfo(np.float64).tiny)
-        return float(np.sqrt(np.mean((measured - (sees @ level) * light) ** 2)))
+        return rms_of(measured - (sees @ level) * light)
 
 
 def surely_larger(one: F64, other: F64) -> bool:

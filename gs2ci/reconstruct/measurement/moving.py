@@ -15,19 +15,13 @@ Here: the regression and its significance. Not here: what follows from it (`hypo
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.special import fdtrc
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.measurement.blocks import CHANCE, in_blocks, ridged
+from gs2ci.reconstruct.measurement.blocks import CHANCE, LEAST_PIXELS, in_blocks, ridged
 from gs2ci.reconstruct.measurement.holdout import Holdout
-
-# A picture of one row or column has no gradient across it.
-_LEAST_SIDE_PX: Final = 2
-# A block with fewer pixels is not tested.
-_LEAST_PIXELS: Final = 32
 
 
 @dataclass(frozen=True)
@@ -53,7 +47,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
         times: When each view was taken, [N], centred on 0.
     """
     shot = holdout.shot
-    if min(shot.size) < _LEAST_SIDE_PX:
+    if min(shot.size) < 2:  # one row or column has no gradient across it
         return LeftByMotion(0.0, 0.0)
     asked = shot.usable[..., None]
     residual = in_blocks((shot.measurement - holdout.coded(views)) * asked)
@@ -63,7 +57,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     design = np.stack([in_blocks(part * asked) for part in along], axis=-1)
     pixels = in_blocks(asked.astype(np.float32)).sum(axis=(2, 3))
     power = (residual**2).sum(axis=(2, 3))
-    testable = (pixels >= _LEAST_PIXELS) & (power > 0)
+    testable = (pixels >= LEAST_PIXELS) & (power > 0)
     moment = np.einsum("abpci,abpc->abi", design, residual)
     gram = ridged(np.einsum("abpci,abpcj->abij", design, design))
     velocity = np.linalg.solve(gram, moment[..., None])[..., 0]

@@ -190,7 +190,7 @@ def _with_next(sums: F64) -> F64:
 def _of_four(values: F32) -> F32:
     """Sum over the four blocks to which each quarter of a block belongs; [B, B'], by the first quarter of blocks."""
     border = cv2.BORDER_CONSTANT
-    return np.asarray(cv2.boxFilter(values, -1, (2, 2), anchor=(1, 1), normalize=False, borderType=border), np.float32)
+    return cv2.boxFilter(values, -1, (2, 2), anchor=(1, 1), normalize=False, borderType=border)
 
 
 def _test(products: F64, pixels: F64, count: int) -> _Tested:

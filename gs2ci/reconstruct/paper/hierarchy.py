@@ -6,12 +6,12 @@
     the model's own depth and cameras, if their focal length, their depths and the few tracks agree         ─► taken
     otherwise the tracks alone (`prior.find_geometry`)
 
-Here: that order. The criteria are those of `validity`, the same for all scenes; no step sees the truth. Not here: the
-model (`vggt`), the adjustment (`bundle`), tracks and depth (`initialise`).
+Here: that order, and its criteria beyond those of `validity`, the same for all scenes; no step sees the truth. Not
+here: the model (`vggt`), the adjustment (`bundle`), tracks and depth (`initialise`).
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -30,7 +30,7 @@ from gs2ci.reconstruct.geometry.path.focal import Focal, default_focal, estimate
 from gs2ci.reconstruct.geometry.path.motion import predict_positions
 from gs2ci.reconstruct.geometry.path.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.path.telemetry import place_points
-from gs2ci.reconstruct.geometry.path.validity import Criteria, classify_motion, doubts_about_tracks, supported_views
+from gs2ci.reconstruct.geometry.path.validity import classify_motion, doubts_about_tracks, supported_views
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, Source, from_tracks
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
@@ -39,6 +39,33 @@ from gs2ci.reconstruct.learned.vggt import Prediction, Vggt
 _FILE: Final = "vggt:"
 _OR_TRACKS: Final = "vggt-or-tracks"
 Step = Literal["after adjustment", "before adjustment"]
+
+
+@dataclass(frozen=True)
+class PredictionCriteria:
+    """What a prediction must satisfy beyond the criteria of tracks and motion (`validity.Criteria`).
+
+    Args:
+        registered: Least share of the views that see enough tracks before bundle adjustment; after it all must.
+        focal_spread: Largest relative spread of the focal lengths predicted for views of one camera.
+        focal_factor: Largest factor between two estimates of the focal length: predicted, adjusted, from tracks alone.
+        positive: Least share of the predicted depths that must be positive.
+        off_px: Largest median distance of the tracks from the positions by predicted poses and depths, if the tracks
+            alone cannot support a geometry.
+        off_share: The same as a share of the tracks' median displacement: 1 for a camera at rest.
+        path: Least extent of a predicted path that no track can check, in median depths.
+    """
+
+    registered: float = 0.75
+    focal_spread: float = 0.2
+    focal_factor: float = 1.5
+    positive: float = 0.9
+    off_px: float = 3.0
+    off_share: float = 0.5
+    path: float = 1e-3
+
+
+PREDICTED: Final = PredictionCriteria()
 
 
 def prior_by_name(name: str) -> GeometryPrior | None:
@@ -92,9 +119,8 @@ class FromVggt:
                 said.append(f"{order}: too few tracks")
                 continue
             try:
-                prediction = check_prediction(
-                    self._model.predict(request.views, views), len(request.views) // 2, request.settings.criteria
-                )
+                predicted = self._model.predict(request.views, views)
+                prediction = check_prediction(predicted, len(request.views) // 2)
             except (NumericsError, GeometryError) as error:
                 said.append(f"{order}: {error.problem}")
                 continue
@@ -121,14 +147,14 @@ def orders(count: int) -> Iterator[tuple[str, tuple[int, ...]]]:
         yield "every other first", forwards[::2] + forwards[1::2]
 
 
-def check_prediction(prediction: Prediction, reference: int, criteria: Criteria) -> Prediction:
+def check_prediction(prediction: Prediction, reference: int) -> Prediction:
     """Return the prediction if its depths are positive.
 
     Raises:
         GeometryError: Too many are not.
     """
     positive = float((prediction.depth[reference] > 0).mean())
-    if positive < criteria.dense_positive:
+    if positive < PREDICTED.positive:
         raise GeometryError(f"{1 - positive:.0%} of the predicted depths are not positive")
     return prediction
 
@@ -140,15 +166,14 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Fo
     the range of real lenses, and if it agrees with the focal length that the tracks give, if they give any.
     """
     settings, size = request.settings, request.size
-    criteria = settings.criteria
     focal = float(np.median(prediction.focal_px))
     known = request.intrinsics
     if known is not None:
         factor = _factor(focal, known[0, 0])
         doubt = finding(Code.VGGT_FOCAL_DIFFERS, focal_px=focal, known_px=float(known[0, 0]))
-        return Focal(known.astype(np.float64), "file", (doubt,) if factor > criteria.focal_factor else ())
+        return Focal(known.astype(np.float64), "file", (doubt,) if factor > PREDICTED.focal_factor else ())
     of_tracks = None
-    if not doubts_about_tracks(tracks, size, criteria):
+    if not doubts_about_tracks(tracks, size, settings.criteria):
         of_tracks = estimate_focal(tracks, size, settings.focal, settings.motion)
     why = _why_refused(prediction.focal_px, of_tracks, size, settings)
     if not why:
@@ -160,9 +185,9 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Fo
 
 def _why_refused(focals_px: F64, of_tracks: Focal | None, size: Size, settings: GeometrySettings) -> str:
     """Return why predicted focal lengths, [N], are rejected; nothing if they are accepted."""
-    criteria, focal = settings.criteria, float(np.median(focals_px))
+    focal = float(np.median(focals_px))
     spread = float(np.ptp(focals_px)) / max(focal, 1.0)
-    if spread > criteria.focal_spread:
+    if spread > PREDICTED.focal_spread:
         return f"its views differ by {spread:.0%}"
     lenses = (settings.focal.widest_deg, settings.focal.narrowest_deg)
     shortest, longest = (focal_from_view_angle(angle, size[1]) for angle in lenses)
@@ -171,7 +196,7 @@ def _why_refused(focals_px: F64, of_tracks: Focal | None, size: Size, settings: 
     if of_tracks is None or of_tracks.source != "estimated":
         return ""
     factor = _factor(focal, float(of_tracks.intrinsics[0, 0]))
-    return "the tracks tell another one" if factor > criteria.focal_factor else ""
+    return "the tracks tell another one" if factor > PREDICTED.focal_factor else ""
 
 
 def _supported(
@@ -237,11 +262,11 @@ def shortcomings(
     said = list(reasons) if verdict != Verdict.FULL else []
     said.extend(doubts_about_tracks(explained, size, criteria))
     registered = float(supported_views(explained, criteria).mean())
-    least = criteria.registered if step == "after adjustment" else criteria.registered_before
+    least = 1.0 if step == "after adjustment" else PREDICTED.registered
     if registered < least:
         said.append(finding(Code.UNREGISTERED_VIEWS, share=registered, needed=least))
     factor = _factor(float(intrinsics[0, 0]), float(camera.intrinsics[0, 0]))
-    if factor > criteria.focal_factor:
+    if factor > PREDICTED.focal_factor:
         said.append(finding(Code.FOCAL_CHANGED, factor=factor))
     return tuple(said)
 
@@ -262,7 +287,7 @@ def _dense(request: Request, prediction: Prediction, camera: Focal, tracks: Trac
     inverse_depth = inverse_depth.clip(*INVERSE_DEPTH_RANGE).astype(np.float32)
     tried, criteria = _after(said), request.settings.criteria
     if len(tracks) >= criteria.tracks:
-        error, limit = _dense_error_px(tracks, inverse_depth, poses, camera.intrinsics, criteria)
+        error, limit = _dense_error_px(tracks, inverse_depth, poses, camera.intrinsics, criteria.displacement_px)
         if error > limit:
             raise GeometryError(
                 f"its depth and cameras miss the tracks by {error:.1f} px, more than {limit:.1f} px{tried}"
@@ -270,7 +295,7 @@ def _dense(request: Request, prediction: Prediction, camera: Focal, tracks: Trac
         checked = f"the tracks lie {error:.1f} px from them"
     else:
         checked = "there are too few tracks to check them"
-        if np.ptp(camera_centres(poses), axis=0).max(initial=0) < criteria.dense_path:
+        if np.ptp(camera_centres(poses), axis=0).max(initial=0) < PREDICTED.path:
             raise GeometryError(f"its camera does not move{tried}")
     note = finding(Code.VGGT_DEPTH_TAKEN, checked=checked, before=tried)
     return Geometry(
@@ -289,9 +314,9 @@ def _dense(request: Request, prediction: Prediction, camera: Focal, tracks: Trac
 
 
 def _dense_error_px(
-    tracks: Tracks, inverse_depth: F32, poses: F64, intrinsics: F64, criteria: Criteria
+    tracks: Tracks, inverse_depth: F32, poses: F64, intrinsics: F64, least_px: float
 ) -> tuple[float, float]:
-    """Return the median distance of tracks from the positions by cameras and depth, and the allowed distance."""
+    """Return the median distance of tracks from the positions by cameras and depth, and what is allowed."""
     height, width = inverse_depth.shape
     corners = tracks.positions[:, tracks.reference]
     columns, rows = corners[:, 0].astype(int).clip(0, width - 1), corners[:, 1].astype(int).clip(0, height - 1)
@@ -300,8 +325,8 @@ def _dense_error_px(
     elsewhere[:, tracks.reference] = False
     error = np.median(np.linalg.norm(predicted - tracks.positions, axis=-1)[elsewhere])
     displacement = np.median(np.linalg.norm(corners[:, None] - tracks.positions, axis=-1)[elsewhere])
-    limit = max(criteria.displacement_px, criteria.dense_share * float(displacement))
-    return float(error), min(criteria.dense_px, limit)
+    limit = max(least_px, PREDICTED.off_share * float(displacement))
+    return float(error), min(PREDICTED.off_px, limit)
 
 
 def _more_tracks(settings: GeometrySettings) -> GeometrySettings:

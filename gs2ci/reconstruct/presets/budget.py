@@ -20,7 +20,7 @@ from typing import Final
 import numba
 
 from gs2ci.core.durations import spoken_duration
-from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.choices import LeftOut, PresetName
 from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
@@ -42,11 +42,9 @@ class Rung:
 LADDER: Final = (Rung("standard", 180, 800), Rung("draft", 20, 600))
 # A budget is kept to a tenth; this share is reserved for steps that were not timed.
 KEPT_BACK: Final = 0.05
-# For closing files, printing and ending the interpreter.
-_ENDING_S: Final = 0.5
-# For writing a run folder: drawing takes so many processor seconds at any size; pictures and figures take as long as
-# this many looks at the held-out pixels.
-_DRAWING_S: Final = 1.5
+# Drawing the pages of a run folder, closing files and ending the interpreter take so many processor seconds at
+# any size; its pictures and figures take as long as this many looks at the held-out pixels.
+_ENDING_S: Final = 2.0
 _REPORT_LOOKS: Final = 4
 # The largest share of the time left that polishing gets. Small parts gain 0.5 to 1.2 dB; where it takes a quarter, fits
 # with as many iterations more are as good (`python -m tests.benchmarks budgets`).
@@ -83,8 +81,10 @@ class Budget:
 
     def fit(
         self, settings: Settings, timed: Timed, decode_s: float = 0.0, polish_s: float = 0.0
-    ) -> tuple[Settings, Deadline, str]:
+    ) -> tuple[Settings, Deadline, Finding]:
         """Choose the fits for which the time suffices, and whether their views are polished.
+
+        What was decoded by then is delivered even if no time is left: a fit of one iteration at least then follows.
 
         Args:
             settings: Of the stages that are done.
@@ -94,60 +94,39 @@ class Budget:
             polish_s: How long polishing the views takes.
 
         Returns:
-            The settings of the fits, the pace that ends them in time, and a sentence for the user.
-
-        Raises:
-            InputError: Not even the cheapest fit ends in time; the error says how many seconds would suffice.
+            The settings of the fits, the pace that ends them in time, and how the time is divided, or how much would
+            have sufficed for a fit that is worthwhile.
         """
-        now_s = self.clock()
-        afterwards_s = (_ENDING_S + _DRAWING_S) * timed.waiting + _REPORT_LOOKS * timed.look_s + decode_s
+        now_s, threads = self.clock(), numba.get_num_threads()
+        afterwards_s = _ENDING_S * timed.waiting + _REPORT_LOOKS * timed.look_s + decode_s
         delivered_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
         has_time = polish_s <= _MOST_FOR_POLISH * (delivered_s - now_s)
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])
             polish = settings.polish if has_time and wanted.polish is not None else None
-            reserved_s = 0.0 if polish is None else polish_s
-            until_s = delivered_s - reserved_s
+            until_s = delivered_s - (0.0 if polish is None else polish_s)
             chosen = replace(settings, fit=wanted.fit, fits=wanted.fits, polish=polish)
-            for _ in range(2):  # the first number says how often a schedule of that length is looked at
-                iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
+            for _ in range(3):  # the first numbers say how often a schedule of that length is looked at
+                # A pixel is blended with as many Gaussians as cover it: 1.6 times as many take some 1.2 times as long.
+                dearer = slower_beside(chosen.fits, threads) * math.sqrt(_population(chosen) / _population(settings))
+                costs = timed.costs(dearer, chosen.fit.mask_moments_from)
+                look_every = chosen.fit.hold_out.look_every
+                pace = Deadline(rung.most, until_s, costs, timed.look_s, look_every, self.clock)
+                iterations = pace.total(0)
                 chosen = replace(chosen, fit=rescheduled(chosen.fit, iterations))
             if iterations >= rung.least:
                 break
-        else:
-            raise self._too_little_time(now_s, afterwards_s, timed)
-        sentence = (
-            f"Of {spoken_duration(self.seconds)}, {spoken_duration(now_s - self.began_s)} went to start, decode and "
-            f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
-            f"{iterations} iterations, and {spoken_duration(afterwards_s + reserved_s)} to finish and report."
-        )
-        return chosen, self._pace(rung.most, until_s, timed, settings, chosen), sentence
-
-    def _pace(self, most: int, until_s: float, timed: Timed, of: Settings, chosen: Settings) -> Deadline:
-        # A pixel is blended with as many Gaussians as cover it: 1.6 times as many take some 1.2 times as long.
-        threads = numba.get_num_threads()
-        dearer = slower_beside(chosen.fits, threads) * math.sqrt(_population(chosen) / _population(of))
-        return Deadline(
-            most=most,
-            until_s=until_s,
-            costs=timed.costs(dearer, chosen.fit.mask_moments_from),
-            look_s=timed.look_s,
-            look_every=chosen.fit.hold_out.look_every,
-            clock=self.clock,
-        )
-
-    def _too_little_time(self, now_s: float, afterwards_s: float, timed: Timed) -> InputError:
-        """Return the error that says how much time the cheapest fit would need."""
         spent_s = now_s - self.began_s
-        shortest_s = 2 * LADDER[-1].least * timed.iteration_s + 2 * (LOOKS_AFTERWARDS + 1) * timed.look_s
-        needed_s = (spent_s + shortest_s + afterwards_s) / (1 - KEPT_BACK)
-        return InputError(
-            f"{spoken_duration(self.seconds)} are not enough: start, decode and geometry took "
-            f"{spoken_duration(spent_s)}, the shortest fit takes {spoken_duration(shortest_s)}, the report "
-            f"{spoken_duration(afterwards_s)}",
-            allowed=f"{math.ceil(needed_s)} s or more for this shot on this machine",
-            remedy="`gs2ci decode` recovers the views alone, without a scene, in less",
+        shortest_s = 2 * (rung.least * timed.iteration_s + (LOOKS_AFTERWARDS + 1) * timed.look_s) + afterwards_s
+        said = finding(
+            Code.TIME_DIVIDED if iterations >= rung.least else Code.TIME_TOO_SHORT,
+            allowed=spoken_duration(self.seconds),
+            spent=spoken_duration(spent_s),
+            preset=rung.preset,
+            iterations=iterations,
+            enough=math.ceil((spent_s + shortest_s) / (1 - KEPT_BACK)),
         )
+        return chosen, pace, said
 
 
 def _population(settings: Settings) -> float:

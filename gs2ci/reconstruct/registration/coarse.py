@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy import fft
 
-from gs2ci.core.arrays import F64, Size
+from gs2ci.core.arrays import F64, Size, rms_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.local_scene import Seen, blurred
 from gs2ci.reconstruct.registration.placement import Placement
@@ -148,7 +148,7 @@ def find_peak(seen: F64, known: F64, reach: Size, element: float) -> Peak:
     chance = float(np.partition(others, -_RANK)[-_RANK])
     peak = float(near[at])
     ratio = peak / chance if chance > 0 else 0.0
-    deviations = peak / max(float(np.sqrt(np.mean(others**2))), 1e-300)
+    deviations = peak / max(rms_of(others), 1e-300)
     return Peak(float(down), float(right), ratio, peak / norm, deviations)
 
 
@@ -214,8 +214,7 @@ def place_tiles(found: list[Tile], size: Size) -> Placement | None:
 
     def affine(places: F64) -> F64:
         design = np.column_stack([np.ones(len(places)), places])
-        unit: F64 = np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
-        return unit
+        return np.einsum("kr,de->rdke", design, np.eye(2)).reshape(-1, len(places), 2)
 
     solution = agreed(found, size, affine)
     if solution is None:
@@ -249,6 +248,6 @@ def agreed(found: list[Tile], size: Size, design: Callable[[F64], F64]) -> F64 |
         apart = np.linalg.norm(moved - np.tensordot(solution, unit, axes=1), axis=1)
         worst = int(apart.argmax())
         if apart[worst] <= _AGREEMENT_PX:
-            return np.asarray(solution, np.float64)
+            return solution
         del sure[worst]
     return None

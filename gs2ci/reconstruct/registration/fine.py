@@ -202,5 +202,4 @@ def deviations_of(jacobian: F64, errors: F64, weights: F64) -> F64:
         inverse = np.linalg.inv(normal)
     except np.linalg.LinAlgError:
         return np.full(count, np.inf)
-    deviations: F64 = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
-    return deviations
+    return np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))

@@ -70,11 +70,11 @@ class Levels:
 
     def given_to(self, elements: F64) -> F64:
         """Return the transmissions of elements, [N, H, W], from closed (0) to open (1)."""
-        return np.asarray(self.closed + self.step * elements, np.float64)
+        return self.closed + self.step * elements
 
     def removed_from(self, masks: F64) -> F64:
         """Return from transmissions, [N, H, W], how far elements are open."""
-        return np.asarray((masks - self.closed) / self.step, np.float64)
+        return (masks - self.closed) / self.step
 
 
 def _median_beside(deviations: F64, here: Bool, cut: Bool) -> float:

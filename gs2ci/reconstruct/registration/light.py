@@ -14,7 +14,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.coding import DARK
+from gs2ci.reconstruct.measurement.coding import DARK, white_reading
 
 # Lamps and glints are less than a quarter of a picture: the unit is doubted if more is brighter than white.
 _MOSTLY: Final = 0.75
@@ -110,7 +110,7 @@ def untold_clipping(shot: Shot) -> Bool | None:
     if count < _PILE * max(beside, 1.0) and count < 0.1 * readings.size:
         return None
     clipped: Bool = np.any(piled, axis=2)
-    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)[clipped]
+    white = white_reading(shot)[clipped]
     if float(white.std()) < 1e-3 * float(white.mean()):
         return None
     return clipped

@@ -26,7 +26,7 @@ TINY: Final = 1e-12
 
 def blurred(image: F64, sigma_px: float) -> F64:
     """Blur a picture, [H, W], mirrored at its border."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT), np.float64)
+    return cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT)
 
 
 @dataclass(frozen=True)

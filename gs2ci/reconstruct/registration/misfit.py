@@ -64,8 +64,7 @@ class Misfit(Placement):
         """Return the reading of a white scene, [H, W], from the sum of the stated masks."""
         wider = masks.widened(self.widening_px)
         placed = wider if self.is_identity else self.sample(wider[None])[0]
-        seen: F64 = (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * masks.weight
-        return seen
+        return (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * masks.weight
 
     def values(self) -> dict[str, float]:
         """Return the parameters by name, and the blur as a standard deviation."""
@@ -93,21 +92,18 @@ def gaussian(stack: F64, variance_px2: float) -> F64:
     factor = transfer(abs(variance_px2), stack.shape[1:])
     if variance_px2 < 0:
         factor = 1 / np.maximum(factor, 1 / _MOST_SHARPENING)
-    blurred: F64 = fft.idctn(fft.dctn(stack, axes=(1, 2), norm="ortho") * factor, axes=(1, 2), norm="ortho")
-    return blurred
+    return fft.idctn(fft.dctn(stack, axes=(1, 2), norm="ortho") * factor, axes=(1, 2), norm="ortho")
 
 
 def transfer(variance_px2: float, size: tuple[int, ...]) -> F64:
     """Return a blur's transfer at each frequency of the half-sample symmetric cosine transform, [H, W]."""
     down, across = (_transfer(variance_px2, np.pi * np.arange(n) / n) for n in size)
-    left: F64 = down[:, None] * across[None, :]
-    return left
+    return down[:, None] * across[None, :]
 
 
 def _transfer(variance_px2: float, frequencies: F64) -> F64:
     taps = _taps(sigma_of(variance_px2))
-    left: F64 = taps @ np.cos(np.arange(len(taps))[:, None] * frequencies[None, :])
-    return left
+    return taps @ np.cos(np.arange(len(taps))[:, None] * frequencies[None, :])
 
 
 def _taps(sigma_px: float) -> F64:
@@ -115,7 +111,7 @@ def _taps(sigma_px: float) -> F64:
     count = max(2, int(_TRUNCATE * sigma_px + 0.5) + 1)
     taps = np.exp(-0.5 * (np.arange(count) / max(sigma_px, 1e-3)) ** 2)
     taps[1:] *= 2
-    return np.asarray(taps / taps.sum())
+    return taps / taps.sum()
 
 
 def variance_of(sigma_px: float) -> float:

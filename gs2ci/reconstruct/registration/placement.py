@@ -35,8 +35,7 @@ class Placement(PlacementSection):
             [[1 + self.scale - self.stretch, self.shear], [self.shear, 1 + self.scale + self.stretch]]
         )
         # Clockwise in a picture whose rows count downwards: from right (0, 1) towards down (1, 0).
-        matrix: F64 = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ lengthened
-        return matrix
+        return np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ lengthened
 
     @property
     def shift_px(self) -> F64:
@@ -70,12 +69,11 @@ class Placement(PlacementSection):
         d, r = at[..., 0], at[..., 1]
         squared = d * d + r * r
         outwards = (radial + fifth * squared) * squared
-        moved: F64 = outwards[..., None] * at + np.stack([d * d, d * r, r * r], axis=-1) @ np.reshape(bent, (2, 3)).T
-        return moved
+        return outwards[..., None] * at + np.stack([d * d, d * r, r * r], axis=-1) @ np.reshape(bent, (2, 3)).T
 
     def stated_at(self, places: F64) -> F64:
         """Return where elements are stated that are seen at positions from the middle, both [..., 2]."""
-        return np.asarray((places - self.field_px(places) - self.shift_px) @ np.linalg.inv(self.matrix).T, np.float64)
+        return (places - self.field_px(places) - self.shift_px) @ np.linalg.inv(self.matrix).T
 
     def derivatives(self, steps: Mapping[str, float], places: F64) -> F64:
         """Return how far steps of parameters move what is seen at positions from the middle, [..., 2]; [P, ..., 2]."""
@@ -97,8 +95,7 @@ class Placement(PlacementSection):
         there = straight
         for _ in range(_INVERSIONS if self.field.any() else 0):
             there = straight + self.field_px(there)
-        moved: F64 = there - places
-        return moved
+        return there - places
 
     def displacement_px(self, size: Size) -> F64:
         """Return the displacement of the masks at the picture's middle and four corners, [5, 2], as (down, right)."""
@@ -135,7 +132,7 @@ class Placement(PlacementSection):
         """Return the pixels that the displaced masks still cover, [H, W], so far beyond the outermost centres."""
         # Up to half a pixel beyond the outermost centre a pixel sees more of that element than of the unknown area.
         most = (np.array(size) - 1) / 2 + beyond_px
-        return np.asarray(np.all(np.abs(self.stated_at(from_middle(size))) <= most, axis=-1))
+        return np.all(np.abs(self.stated_at(from_middle(size))) <= most, axis=-1)
 
 
 def from_middle(size: tuple[int, ...]) -> F64:

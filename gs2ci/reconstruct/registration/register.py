@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.arrays import Bool
+from gs2ci.core.arrays import Bool, rms_of
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, Findings, finding
@@ -188,7 +188,7 @@ def _check_positive(shot: Shot) -> None:
             where more masks are open.
     """
     readings = shot.measurement.mean(axis=2, dtype=np.float64)[shot.usable]
-    if readings.size == 0 or readings.mean() >= -_MOST_NEGATIVE * np.sqrt(np.mean(readings**2)):
+    if readings.size == 0 or readings.mean() >= -_MOST_NEGATIVE * rms_of(readings):
         return
     opened = white_reading(shot).astype(np.float64)[shot.usable]
     beside, more = readings - readings.mean(), opened - opened.mean()

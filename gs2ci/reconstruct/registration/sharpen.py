@@ -149,7 +149,7 @@ def _crisp(stated: F64) -> F64 | None:
         return None
     variance, odds = float(np.mean(deviations**2)), (opened.mean() + TINY) / (1 - opened.mean() + TINY)
     probable = expit((share - 0.5) / max(variance, TINY) + np.log(odds))
-    return np.clip(levels.given_to(np.asarray(probable, np.float64)), 0.0, 1.0)
+    return np.clip(levels.given_to(probable), 0.0, 1.0)
 
 
 def _without_noise(stated: F64, crisp: F64) -> list[SharpMasks]:
@@ -283,14 +283,13 @@ class _Softening:
 
 
 def _open_or_closed(masks: F64) -> F64:
-    opened: F64 = (masks > 0.5).astype(np.float64)
-    return opened
+    return (masks > 0.5).astype(np.float64)
 
 
 def _unexplained(stated: F64, given: F64) -> F64:
     """Return what given masks leave of stated ones, whatever is passed where all is open or closed."""
     one, other = stated - stated.mean(), given - given.mean()
-    return np.asarray(one - float(np.vdot(one, other)) / max(float(np.vdot(other, other)), TINY) * other, np.float64)
+    return one - float(np.vdot(one, other)) / max(float(np.vdot(other, other)), TINY) * other
 
 
 def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:
@@ -308,7 +307,7 @@ def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:
 
     def as_given(trial: F64) -> F64:
         spectrum = np.where(known, given, fft.dctn(trial, axes=(1, 2), norm="ortho"))
-        return np.asarray(fft.idctn(spectrum, axes=(1, 2), norm="ortho"), np.float64)
+        return fft.idctn(spectrum, axes=(1, 2), norm="ortho")
 
     guess: F64 = fft.idctn(given, axes=(1, 2), norm="ortho")
     found = guess

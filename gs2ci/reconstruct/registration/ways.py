@@ -180,8 +180,7 @@ def _with(shot: Shot, masks: F64) -> Shot:
 def _squares(shot: Shot, masks: F64, pixels: Bool) -> F64:
     """Return squared held-out errors of a locally constant scene at some pixels."""
     total = np.tensordot(shot.weights.astype(np.float64), masks, axes=1)
-    squares: F64 = Seen.of(shot, element_px(total)).errors(total)[pixels] ** 2
-    return squares
+    return Seen.of(shot, element_px(total)).errors(total)[pixels] ** 2
 
 
 def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:

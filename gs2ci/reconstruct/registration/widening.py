@@ -43,7 +43,7 @@ def widened(masks: F64, px: float) -> F64:
 
 
 def _wider(stated: F64, bands: F64, px: float) -> F64:
-    return np.asarray(stated + abs(px) * bands[0] + px * px * bands[1], np.float64)
+    return stated + abs(px) * bands[0] + px * px * bands[1]
 
 
 def _bands(mask: F64, px: float) -> F64:
@@ -59,7 +59,7 @@ def _bands(mask: F64, px: float) -> F64:
     sides = (-1, 1)
     strips = sum(beside(k, 0) + beside(0, k) for k in sides)
     corners = sum(1 - (1 - beside(i, 0)) * (1 - beside(0, j)) * (1 - beside(i, j)) for i in sides for j in sides)
-    return np.asarray(np.sign(px) * (1 - opened) * np.stack([strips, corners - 2 * strips]), np.float64)
+    return np.sign(px) * (1 - opened) * np.stack([strips, corners - 2 * strips])
 
 
 def expected(total: F64) -> F64:
@@ -76,7 +76,7 @@ def expected(total: F64) -> F64:
         return total
     around = gaussian_filter(power, [_SMOOTHED * n for n in total.shape])
     kept = np.maximum(1 - noise / np.maximum(around, 1e-300), 0)
-    return np.asarray(mean + fft.idctn(kept * spectrum, norm="ortho"), np.float64)
+    return mean + fft.idctn(kept * spectrum, norm="ortho")
 
 
 class MaskSum:

@@ -161,8 +161,7 @@ def _gradients(view: F32) -> F64:
     """Return the gradient of a view, [H, W, C], along x and y, [H * W, C, 2]."""
     smooth = gaussian_filter(view.astype(np.float64), (_SMOOTH_PX, _SMOOTH_PX, 0), mode="nearest")
     down, across = slopes(torch.from_numpy(smooth).movedim(-1, 0))
-    found: F64 = torch.stack([across, down], dim=-1).movedim(0, -2).reshape(-1, view.shape[2], 2).numpy()
-    return found
+    return torch.stack([across, down], dim=-1).movedim(0, -2).reshape(-1, view.shape[2], 2).numpy()
 
 
 def _flow(points: F64, focal_px: F64) -> F64:

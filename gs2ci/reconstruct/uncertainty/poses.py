@@ -81,8 +81,7 @@ def errors_of_poses(
 
 
 def _squares(matrix: F64) -> F64:
-    found: F64 = np.maximum(np.diag(matrix), 0.0)
-    return found
+    return np.maximum(np.diag(matrix), 0.0)
 
 
 def _aligned(world_to_camera: F64, moved: F64) -> F64:

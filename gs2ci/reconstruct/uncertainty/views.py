@@ -67,8 +67,7 @@ def errors_alike(flow_px2: F64) -> F64:
         flow_px2: How far the picture moves from one view to the other, squared, [N, N, P] at P places.
     """
     both = (flow_px2 + flow_px2.transpose(1, 0, 2)) / 2
-    found: F64 = np.exp(-both / (2 * factors.alike_px**2)).mean(axis=2)
-    return found
+    return np.exp(-both / (2 * factors.alike_px**2)).mean(axis=2)
 
 
 def _level(holdout: Holdout, views: ViewsMade, light: F64, power: F64, noise: F32) -> float:

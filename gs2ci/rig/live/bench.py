@@ -28,7 +28,7 @@ from gs2ci.core.errors import DeviceError, Gs2ciError, InputError
 from gs2ci.core.extras import missing_extra
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot
-from gs2ci.rig.calibrated import Calibrated, load
+from gs2ci.rig.calibrated import Calibrated, bundle_of, load
 from gs2ci.rig.intent import intended
 from gs2ci.rig.live.looks import encode_png, figures_of, picture_png, residual_of
 from gs2ci.rig.opening import Rig
@@ -200,7 +200,9 @@ class LiveBench:
             if self._devices.stage is not None:
                 self._devices.stage.connect()
             try:
-                self._calibrated = load(self._rig, self._devices, None, probe=False)
+                bundle = bundle_of(self._rig, None)
+                calibrated = None if bundle is None else load(self._rig, self._devices, bundle, probe=False)
+                self._calibrated = calibrated
             except Gs2ciError as error:
                 self._note(f"the masks as drawn are used: {error}")
             info = self._devices.sensor.info

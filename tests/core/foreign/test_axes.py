@@ -18,6 +18,13 @@ def test_colour_and_masks_may_come_first_or_last(scene, take, masks_last, order)
     assert np.array_equal(shot.masks, made.masks)
 
 
+@pytest.mark.parametrize(("bits", "row"), [(10, 40), (12, 48), (14, 56)])
+def test_bytes_of_packed_pixels_are_named(scene, take, bits, row):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match=f"rows of bytes are {bits / 8:g} times .*unpack pixels of {bits} bits"):
+        take(meas=np.zeros((24, row), np.uint8), mask=made.masks)
+
+
 @pytest.mark.parametrize("shape", ["HW", "HW1", "1HW"])
 def test_a_single_channel_may_have_an_axis_of_its_own_or_not(scene, take, shape):
     made = scene(channels=1)

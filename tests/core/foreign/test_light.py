@@ -46,6 +46,16 @@ def test_readings_divided_by_the_masks_sum_are_multiplied_again(bench, take, sai
     assert np.array_equal(imported.shots[0].measurement[..., 0] * 255, np.where(total > 0, meas, 0).astype(np.float32))
 
 
+def test_one_of_six_masks_is_no_sum_by_which_readings_were_divided(bench, take, said):
+    """Readings times one mask follow that mask whatever they are; but where it is closed they are bright."""
+    masks, meas = bench()
+    imported = take(ImportOptions(scale=255.0), meas=meas, masks=masks[:1])
+    assert not said(imported, "divided by the sum of the masks does; undone")
+    assert said(imported, "pixels that no mask opens read")
+    assert imported.shots[0].provenance["undone"] is None
+    assert np.array_equal(imported.shots[0].measurement[..., 0] * 255, meas.astype(np.float32))
+
+
 @pytest.mark.parametrize(
     ("encode", "names"),
     [

@@ -137,6 +137,16 @@ def test_bad_pixels_are_refused_or_replaced_from_their_neighbours(scene, take, s
     assert np.abs(measurement - made.meas).max() < 1.2
 
 
+def test_dark_minus_lit_is_refused_and_a_dark_picture_about_zero_is_not(scene, take):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match=r"100% of the readings lie below.*subtract the dark frame from the lit one"):
+        take(meas=-made.meas[..., 0] - 1e-3, mask=made.masks)
+    with pytest.raises(InputError, match="correct --offset"):
+        take(ImportOptions(offset=99.0), meas=made.meas[..., 0], mask=made.masks)
+    noise = np.random.default_rng(0).normal(size=made.meas.shape[:2])
+    assert take(ImportOptions(scale=1.0), meas=noise, mask=made.masks).shots[0].measurement.shape == (24, 32, 1)
+
+
 @pytest.mark.parametrize("offset", [0.0, 40.0, 256.0])
 def test_a_bad_pixel_is_replaced_by_light_per_open_mask_without_the_offset(take, offset):
     masks = np.random.default_rng(3).random((8, 40, 50)) < 0.5
@@ -320,6 +330,8 @@ def test_doubtful_intrinsics_are_said(scene, take, said):
     outside[0, 2] = 99
     assert said(take(meas=made.meas, mask=made.masks, K=outside), "lies outside")
     assert said(take(meas=made.meas, mask=made.masks, focal=3.0), "unusual")
+    shares = np.array([[0.9, 0, 0.5], [0, 1.1, 0.5], [0, 0, 1]])
+    assert said(take(meas=made.meas, mask=made.masks, K=shares), "shares of the width multiplied by 32")
 
 
 @pytest.mark.parametrize(

@@ -113,6 +113,17 @@ def test_it_says_whose_views_are_shown(evidence, verdict, ensemble, sentence):
     assert re.search(sentence, html.unescape(page))
 
 
+def test_views_that_are_mostly_the_decodes_are_not_said_to_be_the_scenes(evidence):
+    note = finding(Code.VIEWS_COMBINED, refined=0.25, scene=0.0, decode=0.75)
+    page = html.unescape(run_page(changed(evidence, verdict="refined", ensemble=None, notes=[note])))
+    assert "The views are mostly those of the decode (75%)" in page
+    assert "The views are rendered from the scene" not in page
+
+
+def test_a_unit_stays_on_the_line_of_its_number(text):
+    assert re.search(r"fit \d+\.\d\u00a0s", text)
+
+
 def test_nothing_comes_from_elsewhere(text):
     addresses = re.findall(r"""(?:src|href|url|xlink:href)\s*[=(]\s*["']?([^"'\s>)]+)""", text)
     assert addresses

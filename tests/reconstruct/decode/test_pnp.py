@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.decode.denoisers import NonLocalMeans, TotalVariation
+from gs2ci.reconstruct.decode.denoisers import TotalVariation
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
@@ -19,7 +19,7 @@ def reference(shot, settings):
     """The scheme as its paper states it, float64, for pixels that some binary mask opens."""
     masks, y = shot.masks.astype(float)[:, None], shot.measurement.astype(float).transpose(2, 0, 1)
     energy = (masks**2).sum(0)
-    views = np.repeat((y / masks.sum(0))[None], len(masks), axis=0) if settings.begin == "average" else masks * y
+    views = np.repeat((y / masks.sum(0))[None], len(masks), axis=0)
     y1 = np.zeros_like(y)
     for sigma in np.repeat(settings.sigmas, settings.iterations):
         predicted = (masks * views).sum(0)
@@ -28,10 +28,10 @@ def reference(shot, settings):
     return views.transpose(0, 2, 3, 1)
 
 
-@pytest.mark.parametrize(("channels", "begin"), [(1, "average"), (3, "average"), (1, "transpose")])
-def test_the_scheme_is_that_of_its_paper(make_shot, channels, begin):
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_scheme_is_that_of_its_paper(make_shot, channels):
     shot = opened(make_shot(channels=channels))
-    settings = PlugAndPlaySettings(sigmas=(0.3, 0.1), iterations=4, begin=begin)
+    settings = PlugAndPlaySettings(sigmas=(0.3, 0.1), iterations=4)
     np.testing.assert_allclose(plug_and_play(shot, halfway, settings), reference(shot, settings), atol=2e-5)
 
 
@@ -92,14 +92,13 @@ def test_weighed_noise_is_not_taken_into_the_views(make_shot):
     assert error[0] < 0.7 * error[1]
 
 
-@pytest.mark.parametrize("denoise", [TotalVariation(), NonLocalMeans()])
 @pytest.mark.parametrize("kind", ["mono", "rgb", "mosaic", "grey"])
-def test_views_come_closer_to_the_truth_than_their_average(make_shot, denoise, kind):
+def test_views_come_closer_to_the_truth_than_their_average(make_shot, kind):
     shot = make_shot(
         channels=3 if kind == "rgb" else 1, slide=0.4, cfa="RGGB" if kind == "mosaic" else None, grey=kind == "grey"
     )
     settings = PlugAndPlaySettings(iterations=5)
-    views = plug_and_play(shot, denoise, settings)
+    views = plug_and_play(shot, TotalVariation(), settings)
     truth = shot.truth.views
     assert views.shape == truth.shape
     average = np.repeat(truth.mean(axis=0, keepdims=True), len(truth), axis=0)
@@ -171,7 +170,6 @@ def test_a_denoiser_that_changes_the_shape_is_named(make_shot):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"begin": "zero"},
         {"sigmas": ()},
         {"sigmas": (0.1, 0.0)},
         {"sigmas": (np.nan,)},

@@ -8,8 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
-from gs2ci.core.findings import Code
+from gs2ci.core.findings import DOUBT, Code
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse.pace import Timed, slower_beside
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -111,7 +110,6 @@ def test_polishing_gets_its_time_if_that_is_no_large_part_of_what_is_left():
     assert some[0].polish == STANDARD.polish
     assert 0 < some[0].fit.iterations < none[0].fit.iterations
     assert some[1]._until_s == pytest.approx(none[1]._until_s - 10.0)
-    assert "13 s to finish and report" in some[2]
     assert (much[0].polish, much[0].fit, much[1]._until_s) == (None, none[0].fit, none[1]._until_s)
 
 
@@ -135,15 +133,20 @@ def test_what_no_preset_decides_is_kept_and_what_is_done_is_not_said_to_be_other
 
 
 def test_the_sentence_says_what_was_decided():
-    settings, _, said = chosen(60)
-    assert said.startswith("Of 60 s, 5.0 s went to start, decode and geometry")
-    assert f"about {settings.fit.iterations} iterations" in said
+    settings, _, note = chosen(60)
+    assert note.code is Code.TIME_DIVIDED
+    assert note.sentence.startswith("Of 60 s, 5.0 s went to start, decode and geometry")
+    assert f"about {settings.fit.iterations} iterations" in note.sentence
 
 
-def test_too_little_time_is_refused_with_what_would_do():
-    with pytest.raises(InputError, match="not enough") as caught:
-        chosen(6)
-    enough = float(caught.value.allowed.split()[0])
+@pytest.mark.parametrize("seconds", [0.1, 6])
+def test_too_little_time_leaves_a_fit_of_one_iteration_and_says_what_would_do(seconds):
+    settings, pace, note = chosen(seconds)
+    assert (settings.fit.iterations, pace.total(0), pace.total(1)) == (1, 1, 1)
+    assert (note.code, note.code.weight) == (Code.TIME_TOO_SHORT, DOUBT)
+    enough = note.figures["enough"]
+    assert 6 < enough < 15
+    assert chosen(enough)[2].code is Code.TIME_DIVIDED
     assert rung_of(chosen(enough)[0]).preset == "draft"
 
 

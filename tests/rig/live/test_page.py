@@ -327,6 +327,9 @@ def test_an_alignment_in_a_browser(served, tab):
     bench, server = served
     open_page(tab, server)
     assert tab.run("document.getElementById('armed').textContent") == "nothing is armed"
+    hidden = "[...document.querySelectorAll('[hidden]')].map(one => getComputedStyle(one).display)"
+    assert set(tab.run(hidden)) == {"none"}
+    assert tab.run("document.getElementById('picture').hidden")
     click(tab, "camera")
     click(tab, "open")
     until(tab, "document.getElementById('armed').textContent.includes('everything open')")

@@ -144,20 +144,11 @@ def error_power(sigma: float) -> float:
     return _ERRORS_PER_LEVEL * sigma**2
 
 
-def with_iterations(settings: PatchSettings, iterations: int) -> PatchSettings:
-    """Return the same schedule over another number of iterations."""
-    return replace(settings, iterations=iterations).check()
-
-
 # A decode by similar patches that ends when the residual at held-out pixels no longer decreases.
 #
 # The best length of a decode differs: most clips improve down to the lowest noise level, but a picture full of texture
 # starts to lose detail half way.
 
-# A lattice has at most four phases: after so many steps every position has been the reference of a group.
-_LOOK_EVERY: Final = 4
-# Groups are searched for again after three uses of each phase, so that the residual decreases in steps.
-_ROUND: Final = 12
 # A hurried decode continues as long as a round reduces the residual by at least this share.
 LEAST_GAIN: Final = 0.02
 # A few hundred pixels do not distinguish residuals that differ by less. On a piece of a clip (traffic) the held-out
@@ -184,13 +175,17 @@ class Settled:
 class _Watch:
     """Keeps the latest views that are about the best, and decides when to stop.
 
+    It looks at them after each turn of the lattice's phases, since every position has been the reference of a group
+    then, and compares rounds after which groups are searched for again: the residual decreases in steps.
+
     Args:
         holdout: The measurement, and its held-out pixels.
+        settings: The schedule.
         least_gain: The share by which a round has to reduce the residual; None: it only must not be worse throughout.
     """
 
-    def __init__(self, holdout: Holdout, least_gain: float | None) -> None:
-        self._holdout, self._least_gain = holdout, least_gain
+    def __init__(self, holdout: Holdout, settings: PatchSettings, least_gain: float | None) -> None:
+        self._holdout, self._settings, self._least_gain = holdout, settings, least_gain
         self._left: list[float] = []
         self.steps = 0
         self.best: tuple[int, F32] | None = None
@@ -198,7 +193,7 @@ class _Watch:
     def __call__(self, planes: F32) -> bool:
         """Judge the views, [N, C, H, W], of a step; tell whether it was the last."""
         self.steps += 1
-        if self.steps % _LOOK_EVERY:
+        if self.steps % self._settings.lattice.phases:
             return False
         views = np.clip(interleaved(planes), 0, 1)
         left = self._holdout.residual_rms(views)
@@ -208,7 +203,7 @@ class _Watch:
         most = (1 + _ALIKE) * min(self._left)
         if left <= most:
             self.best = self.steps, views
-        looks = _ROUND // _LOOK_EVERY
+        looks = self._settings.refind_every
         if len(self._left) <= looks:
             return False
         if self._least_gain is None:
@@ -230,13 +225,13 @@ def decode_until_settled(
         start: The first views, [N, H, W, C] float32.
         settings: The whole schedule.
         progress: Receives each iteration and its relative residual.
-        least_gain: The decode ends if a round of twelve steps reduces the residual by less than this share; None: it
+        least_gain: The decode ends if a round of steps reduces the residual by less than this share; None: it
             ends only if all steps of a round were clearly worse.
 
     Raises:
         InputError: The settings make no sense.
     """
-    watch = _Watch(holdout, least_gain)
+    watch = _Watch(holdout, settings, least_gain)
     last = patch_decode_from(holdout.seen, start, settings, progress, watch)
     if watch.best is None:
         return Settled(last, settings.last_sigma, watch.steps)

@@ -61,8 +61,7 @@ def denoise_groups_on_device(
         restored = (vectors * weights[:, None]) @ (vectors.mT @ centred) + mean
         sums.index_add_(0, places.flatten(), (restored.clamp(-_LARGEST, _LARGEST) * PER_UNIT).long().flatten())
     denoised = (sums.view(planes.shape).double() / PER_UNIT / numbers.clamp(min=1)).float()
-    found: F32 = torch.where(numbers > 0, denoised, instead).cpu().numpy()
-    return found
+    return torch.where(numbers > 0, denoised, instead).cpu().numpy()
 
 
 # Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which motion is found and

@@ -14,7 +14,7 @@ from gs2ci.core.arrays import F32, F64, U8
 from gs2ci.reconstruct.threads import in_threads, one_opencv_thread
 
 # DIS matches windows of 8 pixels on a picture halved at least once; smaller pictures are treated as standing still.
-_LEAST_SIDE_PX: Final = 16
+LEAST_SIDE_PX: Final = 16
 # White level of the 8-bit pictures: a few saturated spots must not make the rest dark.
 _WHITE_PERCENTILE: Final = 99.5
 # Full scale 1: darker views show nothing that could be tracked.
@@ -37,14 +37,14 @@ class Flow:
     def between(cls, views: F32) -> "Flow":
         """Estimate it from grey views, [N, H, W]; zero if they are too small."""
         count, height, width = views.shape
-        if count < 2 or min(height, width) < _LEAST_SIDE_PX:
+        if count < 2 or min(height, width) < LEAST_SIDE_PX:
             none = np.zeros((max(count - 1, 0), height, width, 2), np.float32)
             return cls(none, none)
         seen = _as_bytes(views)
         pairs = [(i, i + 1) for i in range(count - 1)] + [(i + 1, i) for i in range(count - 1)]
         # DIS divides a picture into as many stripes as threads, which changes its result.
         with one_opencv_thread():
-            flows = np.stack(in_threads(lambda pair: _flow(seen[pair[0]], seen[pair[1]]), pairs))
+            flows = np.stack(in_threads(lambda pair: flow_from(seen[pair[0]], seen[pair[1]]), pairs))
         return cls(flows[: count - 1], flows[count - 1 :])
 
     def follow(self, places: F64, at: int, first: int, count: int) -> F64:
@@ -75,7 +75,8 @@ class Flow:
         return followed
 
 
-def _flow(before: U8, after: U8) -> F32:
+def flow_from(before: U8, after: U8) -> F32:
+    """Return the dense optical flow from one grey picture, [H, W], to another, [H, W, 2] px along columns and rows."""
     return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
 
 

@@ -39,9 +39,6 @@ from gs2ci.reconstruct.decode.planes import interleaved, planar
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
 from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 
-# Denoised views err at most about this share of the squared level in clips that patches explain. With 0.25, two clips
-# gain 0.1 dB more in noise, but water without noise loses 0.6 dB instead of 0.2.
-_ERROR_PER_LEVEL: Final = 1.0
 # The residual's rise over its least value in the second half of the steps, from which on readings have noise that a
 # decode follows. Most clips without noise decrease to the last step; water rose too, and loses 0.2 dB.
 _LEAST_RISE: Final = 0.02
@@ -49,8 +46,6 @@ _LEAST_RISE: Final = 0.02
 # pixel tells little of those that are seen. Nor are fewer steps: they end before noise is followed.
 _LEAST_VIEWS: Final = 3
 _LEAST_STEPS: Final = 24
-# Steps whose residuals are averaged: every position is then the reference of a group once.
-_AVERAGED: Final = 4
 # The last steps see all pixels: one step in so many, and at least these.
 _STEPS_PER_SEEING: Final = 6
 _LEAST_SEEING: Final = 4
@@ -66,7 +61,7 @@ class HeldoutNoise:
 
     Args:
         shot: The measurement.
-        steps: How many are made at most.
+        settings: The schedule.
         seed: Seed of the draw of the pixels that all but the last steps do not see.
 
     Attributes:
@@ -74,8 +69,10 @@ class HeldoutNoise:
             that a step does not use their readings.
     """
 
-    def __init__(self, shot: Shot, steps: int, seed: int) -> None:
-        watches = shot.views >= _LEAST_VIEWS and steps >= _LEAST_STEPS
+    def __init__(self, shot: Shot, settings: PatchSettings, seed: int) -> None:
+        watches = shot.views >= _LEAST_VIEWS and settings.iterations >= _LEAST_STEPS
+        # After so many steps every position has been the reference of a group once.
+        self._averaged = settings.lattice.phases
         self._holdout = Holdout.of(shot, HELDOUT_SHARE if watches else 0.0, seed)
         pixels = self._holdout.pixels
         self._blind = bool(pixels.any())
@@ -99,8 +96,10 @@ class HeldoutNoise:
         if not self._blind:
             return
         self._residuals.append((self._holdout.residual_rms(interleaved(planes)) or 0.0) ** 2)
-        error = _ERROR_PER_LEVEL * self._energy * sigma**2
-        self._now = now = float(np.mean(self._residuals[-_AVERAGED:]))
+        # Denoised views err at most by about the squared level in clips that patches explain. With a quarter of it, two
+        # clips gain 0.1 dB more in noise, but water without noise loses 0.6 dB instead of 0.2.
+        error = self._energy * sigma**2
+        self._now = now = float(np.mean(self._residuals[-self._averaged :]))
         if done > left:
             self._least = min(self._least, now)
             self._shows = self._shows or now > (1 + _LEAST_RISE) * self._least
@@ -189,7 +188,7 @@ def decode_until(
     settings, progress = (settings or _sparse()).check(), progress or Silent()
     start = decode_signed(shot, settings.start)
     patches = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
-    noise = HeldoutNoise(shot, settings.iterations, seed)
+    noise = HeldoutNoise(shot, settings, seed)
     steps = _Steps(patches, settings, until_s, progress, clock, noise)
     if clock() >= until_s:
         return InTime(np.clip(start, 0, 1), 0, settings)

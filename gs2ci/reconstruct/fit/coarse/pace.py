@@ -19,8 +19,6 @@ LOOKS_AFTERWARDS: Final = 4
 _REVIEW_EVERY: Final = 10
 # The share of an iteration that further threads do not speed up: two threads take 0.65 of the time of one.
 _ON_ONE_THREAD: Final = 0.3
-# The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
-_GROWS_BY: Final = 1.0
 # The latest iterations show the machine's present load; the mean of all earlier ones is less noisy.
 _TRUST_IN_THE_LATEST: Final = 0.5
 # Shares of a schedule at which its iterations are looked at.
@@ -98,7 +96,8 @@ class Timed(Pace):
 
         def seconds(share: float) -> float:
             moments = 1.0 if share < mask_moments_from else self.moments_per_mask
-            return self.iteration_s * slower * (1 + _GROWS_BY * share) * moments / self.moments_per_mask
+            # The number of Gaussians grows during a fit, whose last iterations cost twice as much as the first.
+            return self.iteration_s * slower * (1 + share) * moments / self.moments_per_mask
 
         return seconds
 

@@ -57,7 +57,7 @@ _LEAST_SHOWN: Final = 0.25
 # improve it, and its change, however large, is no gain.
 _LEAST_WEIGHT: Final = 0.01
 # Smaller shares are chance, and set to 0.
-_LEAST_SHARE: Final = 0.05
+LEAST_SHARE: Final = 0.05
 
 
 @dataclass(frozen=True)
@@ -169,14 +169,12 @@ def _hidden(weighted: F64) -> F64:
     """Return by what factor residuals at pixels, [K], understate errors that cancel along the views; masks: [N, K]."""
     light = (weighted**2).sum(axis=0)
     shown = light - weighted.sum(axis=0) ** 2 / len(weighted)
-    hidden: F64 = np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
-    return hidden
+    return np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
 
 
 def _pixel_weights(weighted: F64) -> F64:
     """Return the weights of pixels, [K], by the light that their masks, [N, K], let through."""
-    found: F64 = np.minimum(1.0, (weighted**2).sum(axis=0) / weighted.max() ** 2) ** 2
-    return found
+    return np.minimum(1.0, (weighted**2).sum(axis=0) / weighted.max() ** 2) ** 2
 
 
 def _power(values: F64) -> float:
@@ -230,7 +228,7 @@ def shares(holdout: Holdout, candidates: Mapping[Name, Candidate], noise: float)
     every = [one for one in (holdout, *holdout.beside) if one.pixels.any()]
     products = [expected_products(one, [candidates[name] for name in usable], noise) for one in every]
     least = least_on_simplex(np.mean(products, axis=0))
-    least[least < _LEAST_SHARE] = 0.0
+    least[least < LEAST_SHARE] = 0.0
     return {**found, **dict(zip(usable, (least / least.sum()).tolist(), strict=True))}
 
 

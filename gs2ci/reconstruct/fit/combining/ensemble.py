@@ -61,11 +61,11 @@ class Member:
     outside: torch.Tensor | None = None
 
 
-def member_seed(seed: int, number: int) -> int:
-    """Return the seed of a member of an ensemble that is given this seed: the first has it, all others their own."""
+def member_seed(seed: int, number: int, stream: int = _STREAM) -> int:
+    """Return the seed of one of several of a kind, a stream, that are given this seed: the first has it itself."""
     if number == 0:
         return seed
-    return int(np.random.SeedSequence([seed, _STREAM, number]).generate_state(1, np.uint64)[0] >> 1)
+    return int(np.random.SeedSequence([seed, stream, number]).generate_state(1, np.uint64)[0] >> 1)
 
 
 def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: int) -> tuple[Member, ...]:

@@ -95,7 +95,7 @@ class Osgr:
         if count <= self.neighbours:
             return torch.zeros(count)
         means = scene.means.detach().numpy()
-        nearest = np.asarray(cKDTree(means).query(means, k=self.neighbours + 1)[1])
+        nearest = cKDTree(means).query(means, k=self.neighbours + 1)[1]
         # Among points in the same place the tree may list any one first. Move each point's own index to the front, so
         # that it can be left out.
         itself_first = np.argsort(nearest != np.arange(count)[:, None], axis=1, kind="stable")

@@ -105,8 +105,7 @@ class DataTerm:
     def dissimilarity(self, predicted: F32) -> F32:
         """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero at pixels that do not count."""
         error, counted = self._error(predicted)
-        result: F32 = self.similarity.dissimilarity(self.target + error) * counted.any(axis=2)
-        return result
+        return self.similarity.dissimilarity(self.target + error) * counted.any(axis=2)
 
 
 def add_regularisers(scene: Gaussians, weights: LossWeights) -> float | Tensor:

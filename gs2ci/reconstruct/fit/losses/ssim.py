@@ -43,8 +43,7 @@ def window_taps(window_px: int) -> F64:
     """Return the window from its middle outwards."""
     reach, sigma_px = window_px // 2, SIGMA_PX * window_px / WINDOW
     taps = np.exp(-(np.arange(reach + 1.0) ** 2) / (2 * sigma_px**2))
-    found: F64 = taps / (taps[0] + 2 * taps[1:].sum())
-    return found
+    return taps / (taps[0] + 2 * taps[1:].sum())
 
 
 @helper()
@@ -186,8 +185,7 @@ class SimilarityTo:
     def dissimilarity(self, image: F32) -> F32:
         """Return 1 − SSIM at each pixel of an image [H, W, C], mean over the channels, [H, W]."""
         self._compare(self._error(image))
-        result: F32 = self._as_image(self._apart).mean(axis=2)
-        return result
+        return self._as_image(self._apart).mean(axis=2)
 
     def _error(self, image: F32) -> F32:
         return self._in_rows(image) - self._target

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from torch import Tensor
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, rms_of
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import in_world
 from gs2ci.core.errors import InputError
@@ -228,7 +228,7 @@ def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64)
         How far the image moves within each mask, root mean square in px, [N]; and the bounds in full scales, [N].
     """
     rows, columns, within = _within_masks(geometry, world_to_camera, open_share)
-    across, down = (np.asarray(np.gradient(view.astype(np.float64), axis=axis))[rows, columns] for axis in (1, 0))
+    across, down = (np.gradient(view.astype(np.float64), axis=axis)[rows, columns] for axis in (1, 0))
     slopes = np.stack([across, down], axis=-1)  # [P, C, (x, y)]
     motion, found = [], []
     for moved in within:
@@ -255,4 +255,4 @@ def _within_masks(
 
 
 def _rms(values: F64) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    return rms_of(values) if values.size else 0.0

@@ -169,8 +169,7 @@ class ShotRenderer:
         """
         with torch.no_grad():
             images, _ = self.images(scene, world_to_camera, times=times)
-        found: F32 = (images.mean(dim=3, keepdim=True) if self._mono else images).cpu().numpy()
-        return found
+        return (images.mean(dim=3, keepdim=True) if self._mono else images).cpu().numpy()
 
     def exposed(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
         """Render what each mask saw while it was displayed, the mean of its moments: [N, H, W, C], as `views`.
@@ -237,8 +236,7 @@ class ShotRenderer:
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render depths along the optical axis, [V, H, W]; zero at pixels where less than half of the light stops."""
-        found: F32 = self.stopped_light(scene, world_to_camera).surface().cpu().numpy()
-        return found
+        return self.stopped_light(scene, world_to_camera).surface().cpu().numpy()
 
     @cached_property
     def _here_and_there(self) -> CanvasSampling:

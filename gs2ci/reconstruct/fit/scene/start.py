@@ -71,8 +71,7 @@ def _neighbour_distance(positions: F32) -> F32:
     if neighbours < 1:
         return np.zeros(len(positions), np.float32)
     distances = np.asarray(cKDTree(positions).query(positions, k=neighbours + 1)[0])
-    mean: F32 = distances[:, 1:].mean(axis=1).astype(np.float32)
-    return mean
+    return distances[:, 1:].mean(axis=1).astype(np.float32)
 
 
 # About the height in rows of a strip of cells if a quarter of the pixels is open.

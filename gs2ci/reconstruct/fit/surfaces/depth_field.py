@@ -240,8 +240,7 @@ class DepthField:
         self._square += (1 - SQUARE_DECAY) * (gradient**2 - self._square)
         square = self._square / (1 - SQUARE_DECAY**self._turns)
         root = np.sqrt(square + square.mean() + np.finfo(np.float64).tiny)
-        direction: F64 = self._mean / (1 - DECAY**self._turns) / root
-        return direction
+        return self._mean / (1 - DECAY**self._turns) / root
 
     def _over(self, scene: Gaussians, pose: F64) -> tuple[F64, F64]:
         """Place the grid over a scene; return its first knot and the distances between knots, [3] each."""

@@ -29,8 +29,7 @@ def best_planes_on_device(features: Tensor, homographies: F64, best: int, window
     through = torch.from_numpy(homographies).to(features.device)
     some = max(1, AT_ONCE // features[1:].numel())
     costs = [_matching_cost(features[0], features[1:], planes, best, window) for planes in torch.split(through, some)]
-    index: F32 = best_plane(_paths(torch.cat(costs).permute(1, 2, 0).contiguous())).cpu().numpy()
-    return index
+    return best_plane(_paths(torch.cat(costs).permute(1, 2, 0).contiguous())).cpu().numpy()
 
 
 def _matching_cost(reference: Tensor, views: Tensor, homographies: Tensor, best: int, window: int) -> Tensor:

@@ -28,7 +28,7 @@ _FAR_DEG: Final = 15.0
 # At most so many views are swept, and each with so many others. With four others scenes were 1.4 dB worse in one set of
 # photographs, and equal in another.
 _MOST_SWEPT: Final = 8
-_NEIGHBOURS: Final = 3
+NEIGHBOURS: Final = 3
 # Depths of two views are the same where they differ by no more than this share. With a third of it there were 40 % more
 # first points, and scenes were no better.
 _SAME_DEPTH: Final = 0.03
@@ -86,7 +86,7 @@ def view_depths(
             continue
         span = inverse_depth_range(1 / depths[depths > 0], settings)
         order = np.argsort(turns[view], kind="stable")
-        order = np.concatenate([[view], order[order != view][:_NEIGHBOURS]])
+        order = np.concatenate([[view], order[order != view][:NEIGHBOURS]])
         poses = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         found.append(ViewDepth(view, swept.depth(order.tolist(), poses, intrinsics, span)))
     return tuple(found)
@@ -99,8 +99,7 @@ def _turns(world_to_camera: F64) -> F64:
     """
     ahead = world_to_camera[:, 2, :3]
     across = np.linalg.norm(np.cross(ahead[:, None], ahead[None]), axis=2)
-    angles: F64 = np.arctan2(across, ahead @ ahead.T)
-    return angles
+    return np.arctan2(across, ahead @ ahead.T)
 
 
 def _spread(turns: F64, first: int) -> list[int]:
@@ -188,5 +187,4 @@ def _compared(points: F64, depth: ViewDepth, world_to_camera: F64, intrinsics: F
 
 
 def _alike(along: F64, inverse_depth: F32) -> Bool:
-    alike: Bool = np.abs(along * inverse_depth - 1) < _SAME_DEPTH
-    return alike
+    return np.abs(along * inverse_depth - 1) < _SAME_DEPTH

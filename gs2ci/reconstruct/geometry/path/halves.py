@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, I64, Bool, Size
-from gs2ci.core.cameras import camera_centres
+from gs2ci.core.cameras import camera_centres, rigid
 from gs2ci.core.errors import GeometryError
 from gs2ci.reconstruct.geometry.path.motion import USUAL_MOTION, CameraMotion, MotionSettings, adjust, wander_px
 from gs2ci.reconstruct.geometry.path.telemetry import place_points
@@ -188,7 +188,7 @@ def _left(motion: CameraMotion, tracks: Tracks, intrinsics: F64, settings: Motio
 def cells(tracks: Tracks, size: Size) -> I64:
     """Number the cell of the reference view that each track starts in, [P]."""
     column, row = (tracks.positions[:, tracks.reference] / (size[1], size[0]) * CELLS).astype(np.int64).T
-    return np.asarray(row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1))
+    return row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1)
 
 
 def _found_again(motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings) -> F64:
@@ -197,6 +197,6 @@ def _found_again(motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics:
     A view that none of them reaches keeps its pose.
     """
     if not chosen.any():
-        return np.tile(np.eye(4), (len(motion.translations), 1, 1))
+        return rigid(np.eye(3), np.zeros_like(motion.translations))
     start = replace(motion, inverse_depth=motion.inverse_depth[chosen])
     return adjust(tracks.keep(chosen), intrinsics, settings, start).world_to_camera

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.cameras import rigid
 from gs2ci.reconstruct.geometry.path.adjustment_kernels import (
     INVERSE_DEPTH_RANGE,
     LEAST_RELATIVE_DEPTH,
@@ -75,16 +76,12 @@ class CameraMotion:
     @property
     def world_to_camera(self) -> F64:
         """Get the poses, [N, 4, 4], with the reference view as the world."""
-        poses = np.tile(np.eye(4), (len(self.rotations), 1, 1))
-        poses[:, :3, :3] = self.rotations
-        poses[:, :3, 3] = self.translations
-        return poses
+        return rigid(self.rotations, self.translations)
 
     @property
     def residuals_px(self) -> F64:
         """Get the distance between prediction and track, [P, N]; NaN as in `errors_px`."""
-        distance: F64 = np.linalg.norm(self.errors_px, axis=-1)
-        return distance
+        return np.linalg.norm(self.errors_px, axis=-1)
 
     @property
     def behind_share(self) -> float:
@@ -93,7 +90,7 @@ class CameraMotion:
 
     def explains(self, outlier_px: float) -> Bool:
         """Tell which tracks, [P], it explains: those with smaller residuals in all views."""
-        return np.asarray(np.nanmax(self.residuals_px, axis=1, initial=0) < outlier_px)
+        return np.nanmax(self.residuals_px, axis=1, initial=0) < outlier_px
 
     @property
     def rms_px(self) -> float:
@@ -129,8 +126,7 @@ def predict_positions(positions_px: F64, inverse_depth: F64, world_to_camera: F6
 def rays(positions_px: F64, intrinsics: F64) -> F64:
     """Turn pixels, [P, 2], into directions with third component 1, [P, 3]."""
     homogeneous = np.concatenate([positions_px, np.ones((len(positions_px), 1))], axis=1)
-    directions: F64 = homogeneous @ np.linalg.inv(intrinsics).T
-    return directions
+    return homogeneous @ np.linalg.inv(intrinsics).T
 
 
 def wander_px(errors_px: F64, unknowns: int = 0) -> float:
@@ -305,8 +301,7 @@ def in_standard_errors(votes: F64) -> float:
 def _costs(motion: CameraMotion, huber_px: float) -> F64:
     """Get the Huber cost of each track, [P] px²."""
     distance = np.nan_to_num(motion.residuals_px)
-    costs: F64 = np.where(distance <= huber_px, distance**2, 2 * huber_px * distance - huber_px**2).sum(axis=1)
-    return costs
+    return np.where(distance <= huber_px, distance**2, 2 * huber_px * distance - huber_px**2).sum(axis=1)
 
 
 def estimate_motion(

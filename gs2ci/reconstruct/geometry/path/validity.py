@@ -50,19 +50,6 @@ class Criteria:
         order_errors: By so many standard errors tracks must prefer an order of depth for it to be accepted without
             a doubt. They preferred a wrong order by up to 4, with a principal point that moved and a narrow field of
             view.
-
-    Further criteria for a geometry that a model predicted (`paper.hierarchy`):
-
-    Args:
-        registered: Least share of the views that see enough tracks after bundle adjustment: all of them.
-        registered_before: The same before it.
-        focal_spread: Largest relative spread of the focal lengths predicted for views of one camera.
-        focal_factor: Largest factor between two estimates of the focal length: predicted, adjusted, from tracks alone.
-        dense_positive: Least share of the predicted depths that must be positive.
-        dense_px: Largest median distance of the tracks from the positions by predicted poses and depths, if the tracks
-            alone cannot support a geometry.
-        dense_share: The same as a share of the tracks' median displacement: 1 for a camera at rest.
-        dense_path: Least extent of a predicted path that no track can check, in median depths.
     """
 
     tracks: int = 20
@@ -79,14 +66,6 @@ class Criteria:
     turn_deg: float = 45.0
     path_error: float = 0.05
     order_errors: float = 6.0
-    registered: float = 1.0
-    registered_before: float = 0.75
-    focal_spread: float = 0.2
-    focal_factor: float = 1.5
-    dense_positive: float = 0.9
-    dense_px: float = 3.0
-    dense_share: float = 0.5
-    dense_path: float = 1e-3
 
 
 def supported_views(tracks: Tracks, criteria: Criteria) -> Bool:

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, Bool, Size
-from gs2ci.core.cameras import relative_to
+from gs2ci.core.cameras import relative_to, rigid
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
@@ -180,7 +180,7 @@ class DisplacedBlocks:
 
     def _along(self, moves: F64) -> F64:
         """Return whitened displacements by the travel of moves, [F, 6], at an inverse depth of 1, [B, 2 F]."""
-        return np.asarray(self._by_travels @ moves.ravel(), np.float64)
+        return self._by_travels @ moves.ravel()
 
     def _start(self, travel_px: F64, turn_px: F64) -> F64:
         """Return even motion, [F, 6], that displaces the middle of the picture by so much by travel, and by turning."""
@@ -326,10 +326,7 @@ def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, m
 def _poses(moves: F64, over_time: F64, reference: int) -> F64:
     """Return world-to-camera poses, [N, 4, 4], of moves, [F, 6]; the identity for the reference view."""
     each = over_time.T @ moves
-    poses = np.tile(np.eye(4), (len(each), 1, 1))
-    poses[:, :3, :3] = Rotation.from_rotvec(each[:, 3:]).as_matrix()
-    poses[:, :3, 3] = each[:, :3]
-    found = relative_to(poses, reference)
+    found = relative_to(rigid(Rotation.from_rotvec(each[:, 3:]).as_matrix(), each[:, :3]), reference)
     found[reference] = np.eye(4)
     return found
 

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool, Size
-from gs2ci.core.cameras import camera_centres, path_extent
+from gs2ci.core.cameras import camera_centres, path_extent, rigid
 from gs2ci.core.colmap import colmap_camera, pycolmap, quietly
 from gs2ci.reconstruct.geometry.path.halves import PathErrors, error_from_halves, squared_distance
 from gs2ci.reconstruct.threads import in_threads
@@ -192,7 +192,7 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
 
 
 def _poses(model: Any, views: int) -> F64:
-    poses = np.tile(np.eye(4), (views, 1, 1))
+    poses = rigid(np.eye(3), np.zeros((views, 3)))
     for image in model.images.values():
         poses[int(image.name), :3] = image.cam_from_world().matrix()
     return poses

@@ -90,8 +90,7 @@ def find_corners(views: F32, reference: int, settings: TrackSettings = USUAL_TRA
     corners = cv2.goodFeaturesToTrack(image, settings.corners, settings.quality, settings.spacing_px)
     if corners is None:  # a view without any texture
         return np.empty((0, 2))
-    detected: F64 = corners.reshape(-1, 2).astype(np.float64) + CENTRE_OFFSET
-    return detected
+    return corners.reshape(-1, 2).astype(np.float64) + CENTRE_OFFSET
 
 
 def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSettings = USUAL_TRACKS) -> Tracks:

@@ -80,5 +80,4 @@ def check_targets(name: str, targets: F32, images: F32) -> F32:
             allowed="finite numbers",
             remedy="check that the model was exported for values in [-1, 1], and in float32",
         )
-    clamped: F32 = np.clip(targets, 0, 1).astype(np.float32, copy=False)
-    return clamped
+    return np.clip(targets, 0, 1).astype(np.float32, copy=False)

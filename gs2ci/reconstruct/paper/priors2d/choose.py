@@ -37,5 +37,4 @@ def load_prior(name: str, seed: int) -> ImagePrior | None:
     prior = load(PRIOR_GROUP, name)
     if prior is None:
         raise InputError(f"prior {name!r}", allowed=f"{allowed(PRIOR_GROUP, PRIOR_NAMES)}, onnx:FILE or difix-or-none")
-    made: ImagePrior = prior(seed)
-    return made
+    return prior(seed)

@@ -118,8 +118,7 @@ def solve_ridged(grams: F64, right: F64) -> F64:
     """Solve (G + 1e-3 tr(G)/N · 1) u = b for each pixel; [P, N, N] and [P, N, C] to [P, N, C]."""
     n = grams.shape[-1]
     ridge = RIDGE * np.trace(grams, axis1=1, axis2=2) / n
-    solved: F64 = np.linalg.solve(grams + ridge[:, None, None] * np.eye(n), right)
-    return solved
+    return np.linalg.solve(grams + ridge[:, None, None] * np.eye(n), right)
 
 
 def _whole_image_condition(transmissions: F64) -> float:

@@ -17,6 +17,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, Findings, finding
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.paper.proxies.amdi import mask_decoded_views
 from gs2ci.reconstruct.paper.proxies.planes import coded_planes
 from gs2ci.reconstruct.threads import in_threads
@@ -123,8 +124,7 @@ def _samples(transmission: F64, counts: _Mask) -> _Mask:
     light = transmission[transmission > 0]
     if not light.size:
         return counts
-    samples: _Mask = transmission >= _OPEN_SHARE * np.percentile(light, _OPEN_PERCENTILE)
-    return samples
+    return transmission >= _OPEN_SHARE * np.percentile(light, _OPEN_PERCENTILE)
 
 
 ProxyMethod = Literal["naive", "eni", "amdi"]
@@ -161,7 +161,7 @@ def multiplicity(shot: Shot) -> float:
 
 def multiplicity_error(shot: Shot) -> float:
     """Return the standard error of `multiplicity`, if each pixel's sum of transmissions were drawn independently."""
-    sums = np.tensordot(shot.weights.astype(np.float64), shot.masks, 1)
+    sums = white_reading(shot)
     return float(sums.std() / np.sqrt(sums.size))
 
 

@@ -79,7 +79,7 @@ def after_steps(
     shot: Shot, rms: list[float], steps: int = 48, sigma: float = 1e-3
 ) -> tuple[HeldoutNoise, list[np.ndarray]]:
     """Show it views that err by so much at all pixels; also return the power after each step."""
-    watch = HeldoutNoise(shot, steps, 0)
+    watch = HeldoutNoise(shot, PatchSettings(iterations=steps), 0)
     powers = []
     for i, error in enumerate(rms):
         views = shot.truth.views + np.float32(error)
@@ -139,4 +139,4 @@ def test_few_views_or_steps_are_not_watched(views: int, steps: int) -> None:
     watch, _ = after_steps(sliding(0.0, views), [0.001] * steps, steps)
     assert not watch.power.any()
     assert watch.last_sigma(0.02) == 0.02
-    assert HeldoutNoise(sliding(0.0), 24, 0).power.any()
+    assert HeldoutNoise(sliding(0.0), PatchSettings(iterations=24), 0).power.any()

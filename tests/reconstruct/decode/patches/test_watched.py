@@ -27,7 +27,7 @@ def told(left):
 
 
 def looks_until_enough(left, least_gain):
-    watch = watched._Watch(told(left), least_gain)
+    watch = watched._Watch(told(left), LONG, least_gain)
     steps = next(step for step in range(1, 4 * len(left) + 2) if step > 4 * len(left) or watch(step * 1e-3 * PIXEL))
     return steps, watch.best
 
