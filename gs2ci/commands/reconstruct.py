@@ -6,7 +6,7 @@ Here: the arguments, and the order read → reconstruct → write → print. Not
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 
@@ -88,14 +88,16 @@ def run(
     if together:
         # Beside the folder to be written, which does not exist before all is done.
         unfinished = output.absolute().parent / f".{output.absolute().name}.unfinished"
+        exposures = chosen_exposures((shot, *more), index)
         return _write_run(
             lambda display: reconstruction.reconstruct(
-                chosen_exposures((shot, *more), index),
+                exposures,
                 together=True,
                 unfinished=unfinished,
                 progress=display,
                 **overrides,
             ),
+            exposures,
             output,
             overwrite=overwrite,
             json=json,
@@ -129,6 +131,7 @@ def run(
     measured = read_shot(shot, index or 0)
     return _write_run(
         lambda display: reconstruction.reconstruct(measured, progress=display, **overrides),
+        [measured],
         output,
         overwrite=overwrite,
         json=json,
@@ -136,13 +139,25 @@ def run(
     )
 
 
+# Views, decode and scene in three colours, depth with its spread, confidence and error, and that of the views.
+_RUN_BYTES_PER_PIXEL: Final = 4 * (3 * 3 + 5)
+
+
 def _write_run(
-    found_with: "Callable[[Progress], Run]", output: Path, *, overwrite: bool, json: bool, moments: int | None = None
+    found_with: "Callable[[Progress], Run]",
+    shots: "Sequence[Shot]",
+    output: Path,
+    *,
+    overwrite: bool,
+    json: bool,
+    moments: int | None = None,
 ) -> Path:
     """Reconstruct, write the run folder, and print or answer what came of it."""
+    from gs2ci.core.storage.sealing import check_room
     from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
+    check_room(output, _RUN_BYTES_PER_PIXEL * sum(one.masks.size for one in shots))
     with answered(json) as answer:
         with open_display() as display:
             found = found_with(display)

@@ -4,6 +4,8 @@ Here: the contents, and the server. Not here: how long it is served (`gs2ci.comm
 package, is imported only when something is served.
 """
 
+import contextlib
+import io
 import socket
 from dataclasses import dataclass
 from functools import partial
@@ -149,7 +151,9 @@ def serve(scene: ViewerScene, *, host: str, port: int) -> Viewer:
     except ImportError as error:
         raise InputError("viewing a scene needs the package viser", remedy="pip install 'gs2ci[view]'") from error
     listener = listen(host, port)
-    server = viser.ViserServer(host=LOCAL[0], port=free_port(LOCAL[0], 0), verbose=False)
+    # However quiet it is asked to be, it prints its own address, which is not the one to open.
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=LOCAL[0], port=free_port(LOCAL[0], 0), verbose=False)
     # The share button would send the scene through a foreign server. A dark background stands for no light.
     server.gui.configure_theme(show_share_button=False, dark_mode=True)
     _show(server, scene)

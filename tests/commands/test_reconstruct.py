@@ -1,6 +1,7 @@
 import json
 import tempfile
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot, Truth
-from gs2ci.core.storage import write_shots
+from gs2ci.core.storage import sealing, write_shots
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
@@ -196,6 +197,14 @@ def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
             reconstruct.run(measured, tmp_path / "run", budget="60s", **other)
     with pytest.raises(InputError, match="no duration"):
         reconstruct.run(measured, tmp_path / "run", budget="soon")
+
+
+def test_a_disk_without_room_for_the_run_is_told_before_anything_is_fitted(measured, tmp_path, monkeypatch):
+    monkeypatch.setattr(sealing.shutil, "disk_usage", lambda _: SimpleNamespace(free=1_100_000))
+    monkeypatch.setattr(reconstruct.reconstruction, "reconstruct", lambda *_, **__: pytest.fail("it was fitted"))
+    with pytest.raises(StorageError, match=r"new/run: the disk has 1.1 MB free; allowed: 1.2 MB or more"):
+        reconstruct.run(measured, tmp_path / "new" / "run")  # 56 bytes for each of 3 x 24 x 32 pixels, and 1 MB
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_budget_that_is_over_after_the_decode_delivers_its_views_and_says_so(measured, tmp_path, capsys):

@@ -187,6 +187,7 @@ def test_viser_serves_the_scene_and_its_cameras(write, capsys):
     pytest.importorskip("viser", reason="the extra `view` is not installed")
     scene = load_scene(write())
     server = serve(scene, host="127.0.0.1", port=0)
+    assert capsys.readouterr().out == ""  # not viser's own address, which has no secret
     browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
         with browser.open(server.address, timeout=HANG_S) as answer:

@@ -102,7 +102,8 @@ def check_room(path: Path, wanted_bytes: int) -> None:
     Raises:
         StorageError: It has too little.
     """
-    free_bytes, least_bytes = shutil.disk_usage(path.parent).free, wanted_bytes + SPARE_BYTES
+    there = next(folder for folder in path.absolute().parents if folder.is_dir())
+    free_bytes, least_bytes = shutil.disk_usage(there).free, wanted_bytes + SPARE_BYTES
     if free_bytes < least_bytes:
         # Rounded apart, or a little too little would read like enough.
         raise StorageError(

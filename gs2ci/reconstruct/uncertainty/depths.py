@@ -1,9 +1,9 @@
 """Standard errors of depths, pixel by pixel.
 
-A depth errs with the path, by which all depths shift together; as far as a turn in step with the travel may take the
-travel's place; by the error of a point's place in each view, the more the less the point moves through the views; and
-where near and far meet, because an edge may lie a pixel off. Here: these together, on a device where one works, and the
-error of places, which tracked points tell. Not here: that turn (`poses`), the factors (`factors`).
+A depth errs as far as a turn in step with the travel may take the travel's place, the more the less relief was found;
+by the error of a point's place in each view, the more the less the point moves through the views; and where near and
+far meet, because an edge may lie a pixel off. Here: these together, on a device where one works, and the error of
+places, which tracked points tell. Not here: that turn (`poses`), the factors (`factors`).
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ _WITHIN_ONE: Final = 0.68
 
 
 def errors_of_depths(
-    seen: ReadingsSeen, place_px: float, path_error: float, turn: float, others: F64 | None = None, stated: float = 0.0
+    seen: ReadingsSeen, place_px: float, turn: float, others: F64 | None = None, stated: float = 0.0
 ) -> F32:
     """Return the standard error of each depth, [N, H, W], in its unit; 0 where there is no depth.
 
@@ -35,15 +35,14 @@ def errors_of_depths(
     Args:
         seen: Depths and poses, and the views along them.
         place_px: Error of points' places through all views (`error_of_places`), px.
-        path_error: Expected error of the path, as a share of its extent.
-        turn: In step with the travel, that readings do not see (`unseen_turn`), rad.
+        turn: In step with the travel, that readings do not see (`unseen_turn`), or by which paths differ, rad.
         others: Given poses of further cameras that see the scene, [K, 4, 4].
         stated: A turn in step with a travel that is given, as the stage states it, rad: it takes no travel's place, so
             that it shifts all depths.
     """
     depth = seen.depth
     device, most = work_place(), factors.most_of_jump
-    middle, found = middle_depth(seen), np.zeros_like(depth)
+    middle, found, missing = middle_depth(seen), np.zeros_like(depth), _missing_relief(depth[depth > 0])
     cameras = seen.world_to_camera if others is None else np.concatenate([seen.world_to_camera, others])
     per_rad = float(seen.focal_px.mean()) * len(cameras) ** 0.5
     sides = [(float(one.min()), float(one.max())) for one in np.moveaxis(seen.rays, -1, 0)]
@@ -55,16 +54,23 @@ def errors_of_depths(
         points = (rays[0] * ahead, rays[1] * ahead, ahead)
         moved = movement(cameras, seen.focal_px, view, points, None if others is None else sides)
         jump = torch.hypot(*slopes(torch.where(known_there, own, torch.nan).log())).nan_to_num(nan=most).clamp(max=most)
-        by_path = factors.depth_by_path * path_error * (factors.at_middle + (own / middle - 1).abs())
         # The travel that the turn stands for moves a point as its inverse depth says, the turn as the middle one's. The
-        # more of a point's movement may be turn, the less its depth tells how far from the middle it lies.
-        share = (turn * per_rad / moved).clamp(max=1)
-        by_turn = share * torch.hypot(middle / ahead - 1, share * factors.unknown_depth)
+        # more of a point's movement may be turn, the less the relief that was found is that of the scene.
+        by_turn = (turn * per_rad / moved).clamp(max=1) * (middle / ahead - 1).square().add(missing**2).sqrt()
         by_edge = factors.depth_by_jump * jump
         by_stated = stated * per_rad / moved
-        relative = ((place_px / moved) ** 2 + by_edge**2 + by_path**2 + by_turn**2 + by_stated**2).sqrt()
+        relative = ((place_px / moved) ** 2 + by_edge**2 + by_turn**2 + by_stated**2).sqrt()
         found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
+
+
+def _missing_relief(known: F32) -> float:
+    """Return what the relief of depths, a spread of the logarithm, lacks of that which scenes may have.
+
+    A fit begins flat, so that relief that readings leave open may not have been found.
+    """
+    low, high = np.log(np.quantile(known, (0.16, 0.84))) if known.size else (0.0, 0.0)
+    return max(0.0, factors.unknown_depth - float(high - low))
 
 
 def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) -> float:

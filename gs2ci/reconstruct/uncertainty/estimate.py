@@ -12,7 +12,6 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.surfaces import pixel_rays
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.uncertainty.depths import error_of_places, errors_of_depths
@@ -48,7 +47,7 @@ class PathKnown:
 
     Args:
         reference: The view whose pose is held.
-        errors: That are to be expected of it: what the paths of several fits differ by, if there are.
+        turn: By which the paths that were found of it differ, or that is stated of given poses, rad.
         given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
             rad; None if a reconstruction found the path.
         others: Given poses of cameras of other exposures that share the scene, [K, 4, 4].
@@ -58,7 +57,7 @@ class PathKnown:
     """
 
     reference: int
-    errors: PathErrors
+    turn: float
     given: tuple[float, float] | None
     others: F64 | None = None
     followed: F64 | None = None
@@ -91,8 +90,9 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         seen = replace(seen, noise=seen.noise * np.float32(factors.position**2))
     covariance = information(seen, path.reference, path.given)
     turn = unseen_turn(seen.rays, seen.focal_px, None if path.given is None else path.given[1])
-    places = of.world_to_camera, middle_depth(seen), (turn, path.errors.turn)
+    places = of.world_to_camera, middle_depth(seen), (turn, path.turn)
     positions, rotations = errors_of_poses(covariance, *places, spread=path.spread, given=given, everywhere=path.places)
     place_px = error_of_places(seen, path.reference, path.followed)
-    depths = errors_of_depths(seen, place_px, path.errors.share, turn, path.others, path.errors.turn if given else 0.0)
+    turn, shifted = (turn, path.turn) if given else (max(turn, path.turn), 0.0)
+    depths = errors_of_depths(seen, place_px, turn, path.others, shifted)
     return Uncertainty(views, depths, positions, rotations)

@@ -54,14 +54,11 @@ class Factors:
         depth_by_jump: The error of a depth per relative jump of depth from pixel to pixel: an error of a pixel's
             breadth in where an edge lies.
         most_of_jump: Larger jumps count as this.
-        depth_by_path: The error of a depth per expected error of the path: all inverse depths shift together, which
-            moves those far from the middle depth by |z/z_middle − 1|,
-        at_middle: and some stays at the middle.
-        path_not_judged: The expected error of a path, as a share of its extent, if no halves of tracks judged it.
-        unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any.
+        unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any;
+            the relief that scenes may have, from the nearest sixth of their depths to the farthest.
     """
 
-    level: float = 2.1
+    level: float = 2.0
     unseen: float = 2.5
     noise_order: int = 3
     least_of_level: float = 0.1
@@ -82,9 +79,6 @@ class Factors:
     untracked_px: float = 1.0
     depth_by_jump: float = 0.91
     most_of_jump: float = 0.3
-    depth_by_path: float = 3.0
-    at_middle: float = 0.3
-    path_not_judged: float = 0.02
     unknown_depth: float = 0.5
 
 

@@ -8,16 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import camera_centres, path_extent
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.path.halves import PathErrors, squared_distance, squared_turn
+from gs2ci.reconstruct.geometry.path.halves import squared_distance, squared_turn
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
-from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.stopping import StoppedLight
 
@@ -62,15 +61,15 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F6
     given = None if errors is None else (errors.position * unit, errors.rotation)
     # Paths that nothing gave err together by more than information that adds up says.
     others = None if given is None else others
-    extent = path_extent(poses if others is None else np.concatenate([poses, others]))
-    expected, spread = geometry.path_errors or PathErrors(factors.path_not_judged, 0.0), 0.0
-    if errors is not None and extent > 0:
-        expected = PathErrors(errors.position * unit / extent, errors.turn)
-    elif errors is None and ensemble.others and extent > 0:
-        # Fits have left the path of the tracks, and differ by about as much as each errs.
-        found = [fit.world_to_camera for fit in ensemble.others]
+    if errors is not None:
+        return PathKnown(geometry.reference, errors.turn, given, others, geometry.followed, places)
+    # Fits have left the path of the tracks, and differ by about as much as each errs; one tells by how far it left.
+    found = [fit.world_to_camera for fit in ensemble.others]
+    turns, spread = [squared_turn(geometry.world_to_camera, poses)], 0.0
+    if found:
+        turns.append(float(np.mean([squared_turn(one, poses) for one in found])))
         apart = [squared_distance(camera_centres(one), camera_centres(poses)) for one in found]
-        turned = [squared_turn(one, poses) for one in found]
         spread = float(np.sqrt(np.mean(apart)))
-        expected = PathErrors(spread / extent, float(np.sqrt(np.mean(turned))))
-    return PathKnown(geometry.reference, expected, given, others, geometry.followed, places, spread)
+    elif geometry.path_errors is not None:
+        turns.append(geometry.path_errors.turn**2)
+    return PathKnown(geometry.reference, max(turns) ** 0.5, given, others, geometry.followed, places, spread)

@@ -8,7 +8,6 @@ import torch
 
 from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, standard_errors
 from gs2ci.reconstruct.uncertainty.views import ViewsMade
@@ -47,7 +46,7 @@ def exposed(measured):
 
 
 def known(**changes):
-    return replace(PathKnown(3, PathErrors(0.05, 0.0), None), **changes)
+    return replace(PathKnown(3, 0.0, None), **changes)
 
 
 def test_a_still_scene_along_a_path_has_all_standard_errors(exposed):
@@ -94,10 +93,11 @@ def test_tracks_tell_how_sure_depths_are(exposed):
 
 
 def test_a_turn_that_halves_of_own_tracks_show_makes_the_path_unsure_wherever_others_are(exposed):
-    found, sure = (standard_errors(exposed, known(errors=PathErrors(0.05, turn))) for turn in (0.2, 0.0))
+    found, sure = (standard_errors(exposed, known(turn=turn)) for turn in (0.2, 0.0))
     assert (found.rotations > sure.rotations).any()
     assert (found.positions > sure.positions).all()
-    assert np.array_equal(found.depth, sure.depth)
-    sures = (known(errors=PathErrors(0.05, turn), places=np.array([[40.0, 0, 0]])) for turn in (0.0, 1e-4))
+    assert (found.depth >= sure.depth).all()
+    assert (found.depth > sure.depth).any()
+    sures = (known(turn=turn, places=np.array([[40.0, 0, 0]])) for turn in (0.0, 1e-4))
     beside = [standard_errors(exposed, sure).rotations for sure in sures]
     assert np.array_equal(*beside)

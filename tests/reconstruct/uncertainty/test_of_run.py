@@ -9,19 +9,19 @@ from scipy.spatial.transform import Rotation
 from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.reconstruct.uncertainty import of_run
-from gs2ci.reconstruct.uncertainty.factors import factors
 from tests.reconstruct.uncertainty.conftest import path
 
 
-def known(given=False, expected=None, poses=None, others=None, places=None, fits=()):
-    poses = path(6) if poses is None else poses
+def known(given=False, halves=None, tracks=None, others=None, places=None, fits=()):
+    poses = path(6)
     geometry = SimpleNamespace(
         has_path=True,
         known_at_rest=False,
         pose_errors=PoseErrors(0.01, 0.001, turn=0.002) if given else None,
         unit=2.0,
         reference=3,
-        path_errors=None if expected is None else PathErrors(expected, 0.01),
+        world_to_camera=poses if tracks is None else tracks,
+        path_errors=None if halves is None else PathErrors(0.05, halves),
         followed=np.zeros((1, 6, 2)),
     )
     fitted = [SimpleNamespace(world_to_camera=one) for one in (poses, *fits)]
@@ -38,32 +38,34 @@ def test_other_exposures_tell_of_depths_along_given_poses_alone(given):
     found = known(given, others=others, places=np.zeros((2, 3)))
     assert found.others is (others if given else None)
     assert found.given == ((0.02, 0.001) if given else None)
-    assert found.errors.share == pytest.approx(0.02 / 4.0 if given else factors.path_not_judged)
 
 
 @pytest.mark.parametrize(
-    ("asked", "error", "turn"),
-    [
-        ({"expected": 0.05}, 0.05, 0.01),
-        ({}, factors.path_not_judged, 0.0),
-        ({"given": True}, 0.1, 0.002),
-        ({"given": True, "expected": 0.05, "poses": path(6, (0, 0, 0))}, 0.05, 0.01),
-    ],
+    ("asked", "turn"),
+    [({"halves": 0.01}, 0.01), ({}, 0.0), ({"given": True}, 0.002), ({"given": True, "halves": 0.01}, 0.002)],
 )
-def test_the_error_of_a_path_is_that_of_who_judged_it(asked, error, turn):
+def test_the_turn_of_a_path_is_that_of_who_judged_it(asked, turn):
     found = known(**asked)
-    assert found.errors.share == pytest.approx(error)
-    assert found.errors.turn == turn
+    assert found.turn == pytest.approx(turn)
     assert found.spread == 0
+
+
+def test_a_fit_that_turned_away_from_the_path_of_the_tracks_shows_that_as_well():
+    turned = path(6)
+    turned[-1, :3, :3] = Rotation.from_rotvec([0, 0.03, 0]).as_matrix()
+    far = 0.03 * np.sqrt(5) / 6
+    assert known(tracks=turned).turn == pytest.approx(far, rel=1e-3)
+    assert known(tracks=turned, halves=0.02).turn == pytest.approx(0.02)
+    assert known(tracks=turned, fits=(path(6),)).turn == pytest.approx(far, rel=1e-3)
+    assert known(tracks=turned, given=True).turn == 0.002
 
 
 def test_of_several_fits_the_spread_tells_and_halves_of_the_tracks_that_they_left_do_not():
     turned, bent = path(6), path(6)
     turned[-1, :3, :3] = Rotation.from_rotvec([0, 0.03, 0]).as_matrix()
     bent[:, 1, 3] += [0, 0.01, 0, -0.01, 0, 0.01]
-    assert known(expected=0.05, fits=(turned,)).errors.turn == pytest.approx(0.03 * np.sqrt(5) / 6, rel=1e-3)
-    found = known(expected=0.05, fits=(bent,))
-    assert found.errors.turn == 0
+    assert known(halves=0.05, fits=(turned,)).turn == pytest.approx(0.03 * np.sqrt(5) / 6, rel=1e-3)
+    found = known(halves=0.05, fits=(bent,))
+    assert found.turn == 0
     assert 0.003 < found.spread < 0.01
-    assert found.errors.share == pytest.approx(found.spread / 0.2)
     assert known(given=True, fits=(bent,)).spread == 0
