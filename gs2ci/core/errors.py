@@ -106,7 +106,11 @@ class DeviceError(Gs2ciError):
 
 def reason_of(error: Exception) -> str:
     """Return what an error says, without the number and the file of an error of the operating system."""
-    return (isinstance(error, OSError) and error.strerror) or str(error)
+    told = str(error)
+    if isinstance(error, OSError) and not error.strerror and told.endswith(" written"):
+        # numpy's numbers ("163840 requested and 102368 written") of values, without the system's reason.
+        return f"the disk took only a part of the values ({told}): it is full, or files may not be larger"
+    return (isinstance(error, OSError) and error.strerror) or told
 
 
 def reason_with_file(error: Exception) -> str:

@@ -76,7 +76,8 @@ def carriage_of(
         return None
     mount = table.stage.mount
     # The rig file of a real stage may keep the [world] in which it was tried.
-    unit = table.world.scene_units_per_mm if table.world and "stage" in table.simulated else 1.0
+    simulated = table.world if "stage" in table.simulated else None
+    unit = 1.0 if simulated is None else simulated.scene_units_per_mm
     per_mm = {} if mount is None else {axis: np.array(getattr(mount, axis), np.float64) for axis in ("x", "y", "z")}
     measured = {} if calibrated is None else calibrated.axes
     per_mm |= {axis: found.per_mm for axis, found in measured.items()}
@@ -88,7 +89,7 @@ def carriage_of(
     provenance: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
         provenance["position_error"] = unit * mount.error_mm
-    if unit != 1.0:
+    if simulated is not None:
         provenance["unit_mm"] = 1 / unit
     if mount is not None and mount.turn_error_deg is not None:
         provenance["turn_error_deg"] = mount.turn_error_deg

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gs2ci.core import whole_file
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 from gs2ci.core.whole_file import check_earlier, check_place, write_whole
 
 
@@ -262,3 +262,9 @@ def test_a_folder_a_pipe_and_what_cannot_be_read_may_not_be_replaced(path):
             check_earlier(place, b"made by us", "a table")
     with pytest.raises(StorageError, match="cannot be read: File name too long"):
         check_earlier(path.with_name("x" * 300), b"made by us", "a table")
+
+
+def test_a_disk_that_took_a_part_of_an_array_is_said_to_be_full():
+    told = reason_of(OSError("163840 requested and 102368 written"))  # by numpy's tofile
+    assert told.startswith("the disk took only a part of the values (163840 requested")
+    assert reason_of(OSError(28, "No space left on device", "x.npy")) == "No space left on device"

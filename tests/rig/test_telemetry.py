@@ -163,7 +163,7 @@ def test_an_axis_that_was_not_measured_is_taken_from_the_rig_file_and_it_says_so
     assert provenance["turn_error_deg"] == 0.05
     assert provenance["unit_mm"] == pytest.approx(10.0)
     carriage = carriage_of(table({"mount": {"x": [0.0, 0.0, 1.0]}}), TRAVEL, measured("y", (0.0, 1.0, 0.0), 3.0))
-    assert carriage.provenance == {"axes_from": "[stage.mount]", "unit_mm": 100.0}
+    assert carriage.provenance == {"axes_from": "[stage.mount]", "unit_mm": 1.0}
     poses = carriage.world_to_camera(np.array([[13.0, 5.0], [13.0, 6.0]]), ("x", "y"))
     assert poses[:, :3, 3] == pytest.approx(np.array([[0, 0, -1.0], [0, -3.0, -1.0]]))
 
