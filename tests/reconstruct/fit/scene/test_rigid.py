@@ -49,6 +49,16 @@ def test_poses_at_moments_and_their_gradient_are_those_of_the_graph(moments, by)
     torch.testing.assert_close(reached, wanted, rtol=1e-5, atol=1e-5)
 
 
+def test_a_camera_that_makes_half_a_turn_between_masks_is_half_way_in_the_middle():
+    path = np.tile(np.eye(4, dtype=np.float32), (2, 1, 1))
+    path[1, :3, :3] = np.diag([-1, 1, -1])
+    found = MaskMoments((2, 1), (1.0, 0.0)).along(torch.from_numpy(path)).exact
+    # Moments lie a quarter of the interval before and after the middle: an eighth of a turn about the y axis.
+    cosines = found[:2, 0, 0]
+    np.testing.assert_allclose(cosines, np.cos(np.pi / 4), atol=1e-6)
+    np.testing.assert_allclose(found[0, :3, :3] @ found[1, :3, :3], np.eye(3), atol=1e-6)
+
+
 def test_a_mask_of_one_moment_keeps_its_pose_to_the_bit():
     path = _turning(3, 0.1)
     assert torch.equal(torch.from_numpy(MaskMoments((1, 2, 1), (0.8,) * 3).along(path).poses[[0, 3]]), path[[0, 2]])
