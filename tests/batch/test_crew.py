@@ -97,9 +97,12 @@ def test_only_who_has_the_key_of_the_command_can_send_work(monkeypatch):
     with local_workers(1) as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
+        own = client.security.get_connection_args("client")
+        client.sync(distributed.comm.connect, address, timeout=30, **own).abort()
         for other in (None, distributed.Security.temporary()):
-            with pytest.raises((OSError, TypeError, ValueError)):
-                distributed.Client(address, timeout=5, security=other)
+            shown = {} if other is None else other.get_connection_args("client")
+            with pytest.raises((OSError, TypeError)):
+                client.sync(distributed.comm.connect, address, timeout=5, **shown)
         assert client.submit(os.getpid).result() != os.getpid()
     monkeypatch.setattr(distributed.Security, "temporary", _without_cryptography)
     with pytest.raises(InputError, match=r"cryptography.*pip install 'gs2ci\[cluster\]'"), local_workers(1):

@@ -68,7 +68,7 @@ def test_the_depth_of_every_view_is_that_of_the_planes_it_sees(scene):
 
 def test_the_views_turned_farthest_are_swept_with_those_turned_least_against_them(scene, monkeypatch):
     monkeypatch.setattr(module, "_MOST_SWEPT", 2)
-    monkeypatch.setattr(module, "_NEIGHBOURS", 1)
+    monkeypatch.setattr(module, "NEIGHBOURS", 1)
     asked = []
 
     class Asked:
