@@ -106,11 +106,13 @@ class DeviceError(Gs2ciError):
 
 def reason_of(error: Exception) -> str:
     """Return what an error says, without the number and the file of an error of the operating system."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
     told = str(error)
-    if isinstance(error, OSError) and not error.strerror and told.endswith(" written"):
+    if isinstance(error, OSError) and told.endswith(" written"):
         # numpy's numbers ("163840 requested and 102368 written") of values, without the system's reason.
         return f"the disk took only a part of the values ({told}): it is full, or files may not be larger"
-    return (isinstance(error, OSError) and error.strerror) or told
+    return told
 
 
 def reason_with_file(error: Exception) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import rigid
 from gs2ci.rig.calibrated import Calibrated, MeasuredAxis
 from gs2ci.rig.config import RigTable
 from gs2ci_drivers.plan import Travel
@@ -44,19 +45,19 @@ class Carriage:
             stage_mm: Counted positions, [N, K].
             axes: Their names, [K].
         """
-        poses = np.tile(np.eye(4), (len(stage_mm), 1, 1))
+        shift = np.zeros((len(stage_mm), 3))
         for column, axis in enumerate(axes):
             swept = axis == self.travel.axis
             rest_mm = (self.travel.from_mm + self.travel.to_mm) / 2 if swept else stage_mm[0, column]
             per_mm = self.per_mm.get(axis, np.zeros(3))
             if not swept:
-                poses[:, :3, 3] -= (stage_mm[:, column] - rest_mm)[:, None] * per_mm
+                shift -= (stage_mm[:, column] - rest_mm)[:, None] * per_mm
                 continue
             # The position was read when the travel began; from there on positions follow from the speed.
             begin_mm = self.travel.from_mm
-            poses[:, :3, 3] -= (begin_mm - rest_mm + self.ahead_mm) * per_mm
-            poses[:, :3, 3] -= (stage_mm[:, column] - begin_mm)[:, None] * self.swept_per_mm
-        return poses
+            shift -= (begin_mm - rest_mm + self.ahead_mm) * per_mm
+            shift -= (stage_mm[:, column] - begin_mm)[:, None] * self.swept_per_mm
+        return rigid(np.eye(3), shift)
 
 
 def carriage_of(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import pinhole
+from gs2ci.core.cameras import pinhole, rigid
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array, damage_as_input_error
 from gs2ci.core.foreign.pixels import LARGEST
@@ -106,13 +106,12 @@ def trajectory(where: str, rows: F64, guesses: list[str]) -> F64:
     Raises:
         InputError: They are no rigid motions.
     """
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
     with damage_as_input_error(where):
         if rows.shape[1] == 8:
-            poses[:, :3, 3] = rows[:, 1:4]
-            poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:]).as_matrix()
+            poses = rigid(Rotation.from_quat(rows[:, 4:]).as_matrix(), rows[:, 1:4])
         else:
-            poses[:, :3] = rows.reshape(-1, 3, 4)
+            matrices = rows.reshape(-1, 3, 4)
+            poses = rigid(matrices[:, :, :3], matrices[:, :, 3])
         guesses.append(f"{where}: rows of {rows.shape[1]} numbers, taken for {TRAJECTORIES[rows.shape[1]]}")
         return poses_from(Array(where, poses), len(rows), camera_to_world=True, guesses=guesses)
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.cameras import OPENCV_FROM_OPENGL
+from gs2ci.core.cameras import OPENCV_FROM_OPENGL, rigid
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.foreign.camera import FEWEST_COEFFICIENTS
 from gs2ci.core.foreign.container import damage_as_input_error
@@ -210,12 +210,10 @@ def _colmap(folder: Path, size: tuple[int, int] | None) -> CameraFile:
     bent = _LENSES.get(camera.model_name, 0)
     lens = np.zeros(len(COEFFICIENTS) + len(_MORE_COEFFICIENTS))
     lens[:bent] = np.asarray(camera.params)[len(camera.params) - bent :]
-    poses = np.tile(np.eye(4), (len(images), 1, 1))
-    for pose, image in zip(poses, images, strict=True):
-        pose[:3] = image.cam_from_world().matrix()
+    matrices = np.array([image.cam_from_world().matrix() for image in images])
     points = np.array([point.xyz for point in model.points3D.values()], np.float64).reshape(-1, 3)
     return CameraFile(
-        poses,
+        rigid(matrices[:, :, :3], matrices[:, :, 3]),
         _scaled(camera.calibration_matrix(), (camera.height, camera.width), size, folder),
         lens,
         points,

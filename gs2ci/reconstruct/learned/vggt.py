@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, Size
+from gs2ci.core.cameras import rigid
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, run_model
 
@@ -98,14 +99,12 @@ class Vggt(OnnxModel):
 
     def _cameras(self, answer: Mapping[str, Any], count: int, frame: "_Frame") -> tuple[F64, F64]:
         """Read world-to-camera matrices, [S, 4, 4], and focal lengths in px of our views, [S]."""
-        poses = np.tile(np.eye(4), (count, 1, 1))
         if any(name in answer for name in _POSES):
             encoded = self._output(answer, _POSES, (count, 9)).astype(np.float64)
             lengths = np.linalg.norm(encoded[:, 3:7], axis=1)
             if not (lengths > _ROTATION_TOLERANCE).all():
                 raise NumericsError(f"{self.path.name} returned a quaternion of length zero", remedy=_REMEDY)
-            poses[:, :3, :3] = Rotation.from_quat(encoded[:, 3:7]).as_matrix()
-            poses[:, :3, 3] = encoded[:, :3]
+            poses = rigid(Rotation.from_quat(encoded[:, 3:7]).as_matrix(), encoded[:, :3])
             half = np.tan(np.clip(encoded[:, 7:], 1e-3, np.pi - 1e-3) / 2)
             focal = np.array(frame.total) / 2 / half
             return poses, (focal / np.array(frame.scale)).mean(axis=1)
@@ -115,8 +114,7 @@ class Vggt(OnnxModel):
         rotations = u @ vt
         if np.abs(rotations - extrinsics[:, :, :3]).max() > _ROTATION_TOLERANCE or (np.linalg.det(rotations) < 0).any():
             raise NumericsError(f"{self.path.name} returned matrices that are not rotations", remedy=_REMEDY)
-        poses[:, :3, :3], poses[:, :3, 3] = rotations, extrinsics[:, :, 3]
-        return poses, (matrices[:, [1, 0], [1, 0]] / np.array(frame.scale)).mean(axis=1)
+        return rigid(rotations, extrinsics[:, :, 3]), (matrices[:, [1, 0], [1, 0]] / np.array(frame.scale)).mean(axis=1)
 
     def _output(self, answer: Mapping[str, Any], names: Sequence[str], shape: tuple[int, ...]) -> F32:
         """Return an output by one of its names, without axes of length one that the shape does not have."""

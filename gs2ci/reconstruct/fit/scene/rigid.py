@@ -21,6 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
+from gs2ci.core.cameras import rigid
 
 # Since a = ad(xi) of a turn by an angle t has a^5 = -2 t^2 a^3 - t^4 a, both series are sums of a to a^4 alone. These
 # are their shares in the terms of (-t^2)^j, [j, 2 * 4]; of angles up to a radian the last is below 1e-18.
@@ -48,9 +49,8 @@ class RigidMotions:
 
     def __init__(self, twists: F64) -> None:
         self.jacobian, self.adjoint = _series(twists)
-        self.matrices = np.tile(np.eye(4), (len(twists), 1, 1))
-        self.matrices[:, :3, :3] = self.adjoint[:, :3, :3]
-        self.matrices[:, :3, 3:] = self.jacobian[:, :3, :3] @ twists[:, :3, None]
+        moved = self.jacobian[:, :3, :3] @ twists[:, :3, None]
+        self.matrices = rigid(self.adjoint[:, :3, :3], moved[..., 0])
 
     def by_twists(self, poses: F64, gradient: F64) -> F64:
         """Return the gradient by the twists, [V, 6], given that by the poses that these motions lead to, [V, 4, 4]."""
@@ -163,5 +163,4 @@ def _series(twists: F64) -> tuple[F64, F64]:
 
 def _transposed(matrices: F64, vectors: F64) -> F64:
     """Return the products of transposed matrices, [V, 6, 6], and vectors, [V, 6]."""
-    found: F64 = (vectors[:, None] @ matrices)[:, 0]
-    return found
+    return (vectors[:, None] @ matrices)[:, 0]
