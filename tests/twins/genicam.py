@@ -43,6 +43,8 @@ class GenicamModel(genicam.GenicamModel):
         goes_on: Whether its frame numbers go on after a stop (Aravis issue 762: FLIR and Point Grey, GigE Vision).
         gain_unit: Unit of Gain: "dB", or "" for a factor without a unit (Chromasens).
         time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
+        whole_us: Step of ExposureTime and TriggerDelay where they are integers (aravis 98c2d790, arvcamera.c,
+            arv_camera_set_exposure_time: XIMEA); 0: they are not.
         auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
         processing: Whether it has further features that change readings (`genicam_processing`).
         debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
@@ -72,6 +74,7 @@ class GenicamModel(genicam.GenicamModel):
     goes_on: bool = False
     gain_unit: str = "dB"
     time_unit: Literal["us", "ms", "ns", "px"] = "us"
+    whole_us: int = 0
     auto_gain: float = 0.0
     processing: bool = False
     debouncer_us: tuple[float, float] | None = None
@@ -246,6 +249,8 @@ class GenicamTwin(genicam.GenicamTwin):
             node.value = max(float(node.value) * per_us, least)
             node.low, node.high = partial(float, least), partial(float, most_us * per_us)
             node.step, node.unit = step_us * per_us, model.time_unit
+            if model.whole_us:
+                node.kind, node.value, node.step = "integer", int(node.value), float(model.whole_us)
 
     def _tell(self, nodes: dict[str, Node]) -> None:
         """Leave out what the camera has not."""
