@@ -34,7 +34,8 @@ class GenicamModel(genicam.GenicamModel):
         chunks: Whether it appends chunks.
         tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
             the exposure set, ResultingFrameRate (Basler), "allied": AcquisitionFrameRateLimit (Allied Vision); "limit":
-            from the limit of AcquisitionFrameRate, which follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
+            from the limit of AcquisitionFrameRate, which follows the exposure; "nothing": that is a fixed number
+            (mvBlueFOX3).
         least_delay_us: Least TriggerDelay: 9 on a Blackfly S (blackfly_s.yaml of flir_camera_driver, "value >= 9").
         locks_triggers: Whether what a trigger is cannot be set while TriggerMode is On (Spinnaker's example Trigger:
             "The trigger must be disabled in order to configure" its source).
