@@ -41,6 +41,7 @@ class GrblBuild:
         extra: Further lines of `$I`.
         homing_mm: Where an axis stands after homing, for firmware that has this as a setting of its own.
         words: What stands in place of an error's number.
+        idle_ms: FluidNC's delay until the motors are switched off.
         unhomed: The alarm of a start without homing; 0 for none.
         alone: Whether an axis may be homed alone, where `$HX` is a command.
     """
@@ -54,6 +55,7 @@ class GrblBuild:
     extra: tuple[str, ...] = ()
     homing_mm: Mapping[int, float] | None = None
     words: Mapping[int, str] = field(default_factory=dict)
+    idle_ms: int = 255
     unhomed: int = 0
     alone: bool = True
 
@@ -198,6 +200,8 @@ class GrblTwin(grbl.GrblTwin):
         if homing_mm is not None and (found := re.fullmatch(r"\$/AXES/([XYZ])/HOMING/MPOS_MM", text)):
             home_mm = homing_mm["XYZ".index(found[1])]
             self._answer(f"$/axes/{found[1].lower()}/homing/mpos_mm={home_mm:.3f}\r\nok", text)
+        elif homing_mm is not None and text == "$/STEPPING/IDLE_MS":
+            self._answer(f"$/stepping/idle_ms={self._build.idle_ms}\r\nok", text)
         else:
             super()._when_quiet(text)
 

@@ -98,7 +98,7 @@ _BANNER = re.compile(r"^Grbl(HAL)? \d+\.\d+\w*\b.*\[", re.IGNORECASE)
 _KNOWN = re.compile(r"^(?:<|\[|\$|>|ok$|error:|ALARM:\d)")
 _WORDS = re.compile(r"^[\x20-\x7e]*[A-Za-z]{3}[\x20-\x7e]*$")
 _STARTUP = re.compile(r"^\$(N\d)=(.*)$")
-_HOMING = re.compile(r"^\$?/axes/([xyz])/homing/mpos_mm=(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
+_ITEM = re.compile(r"^\$?/([\w/]+)=(-?\d+(?:\.\d+)?)$")
 _SETTING = re.compile(r"^\$(\d{1,3})=(-?\d+(?:\.\d+)?)$")
 _CODE = re.compile(r"^(error|ALARM):(\d{1,3})$")
 
@@ -193,10 +193,10 @@ def parse_startup(line: str) -> tuple[str, str] | None:
     return (match[1], match[2]) if match else None
 
 
-def parse_homing_mm(line: str) -> float | None:
-    """Return where an axis stands after homing, as FluidNC's configuration says, or None."""
-    match = _HOMING.match(line)
-    return float(match[2]) if match else None
+def parse_item(line: str, path: str) -> float | None:
+    """Return a number of FluidNC's configuration, "stepping/idle_ms", or None if the line is another one."""
+    match = _ITEM.match(line)
+    return float(match[2]) if match and match[1].lower() == path else None
 
 
 def is_banner(line: str) -> bool:

@@ -385,6 +385,14 @@ def test_motors_that_are_switched_off_between_moves_are_warned_of():
     assert "set $1=255" not in " ".join(warnings({}))
 
 
+@pytest.mark.parametrize("idle_ms", [255, 250])
+def test_motors_that_fluidnc_switches_off_between_moves_are_warned_of(idle_ms):
+    _, _, stage = make(OddMachine(build=replace(FLUIDNC, idle_ms=idle_ms)))
+    stage.connect()
+    told = "the motors are switched off 250 ms after every move: set idle_ms of stepping=255" in stage.status().warnings
+    assert told == (idle_ms == 250)
+
+
 def warnings(settings, axes=("x",), **build):
     _, _, stage = make(OddMachine(settings, build=GrblBuild(**build)), axes)
     stage.connect()
