@@ -1,5 +1,6 @@
 """The notebooks of docs/tutorials do what they say, each in a kernel and a folder of its own."""
 
+import re
 from pathlib import Path
 
 import nbformat
@@ -7,6 +8,7 @@ import numba
 import pytest
 from nbclient import NotebookClient
 
+import gs2ci
 from tests.nightly import but
 from tests.patience import HANG_S
 
@@ -22,6 +24,14 @@ def test_they_carry_no_output_of_somebody_elses_machine(path):
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
     assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in notebook.cells)
+
+
+def test_they_and_the_pages_call_what_there_is():
+    docs = TUTORIALS[0].parents[1]
+    pages = [*TUTORIALS, *docs.rglob("*.md"), docs.parent / "README.md"]
+    called = {name for page in pages for name in re.findall(r"\bgs2ci\.(\w+)\(", page.read_text(encoding="utf-8"))}
+    assert "reconstruct" in called
+    assert not [name for name in called if not hasattr(gs2ci, name)]
 
 
 # The kernel's library for its sockets opens them in ways that warn on some platforms; what counts is the cells.

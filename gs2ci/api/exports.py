@@ -75,17 +75,22 @@ def export(
         raise InputError("the run has no folder yet", remedy="call save() first")
     form = FORMATS[to]
     target = Path(form.name if path is None else path)
-    endings = {Path(other.name).suffix for other in FORMATS.values()} - {"", Path(form.name).suffix}
-    if target.suffix in endings:
-        raise InputError(
-            f"--to {to} into {target}", allowed=f"a name like {form.name}", remedy="change --to, or the name after -o"
-        )
+    _check_ending(f"--to {to}", target, form.name)
     check_free(target, opened, form.files, overwrite=overwrite)
     told = Silent() if progress is None else progress
     asked = _Asked(opened, opened.folder, as_fitted=as_fitted, f_rest=f_rest, spz_version=spz_version, say=told.say)
     return write_to(target, form.writer(asked))
 
 
+def _check_ending(what: str, target: Path, usual: str) -> None:
+    """Refuse a name with the ending of another format, by which other programs would take the file for one."""
+    endings = {Path(other.name).suffix for other in FORMATS.values()} | _UNWRITTEN
+    if target.suffix.lower() in endings - {"", Path(usual).suffix}:
+        raise InputError(f"{what} into {target}", allowed=f"a name like {usual}", remedy="change the name after -o")
+
+
+# Endings of formats of meshes and Gaussians that nothing here writes.
+_UNWRITTEN: Final = {".obj", ".stl", ".off", ".gltf", ".splat", ".ksplat"}
 # Where Gaussians far away leave a format's grid too coarse for the rest, they are brought to so many typical distances,
 # the first that does: a whole parallax of 20 px is a fiftieth of a pixel at the first, and a fifth at the second.
 _SPZ_DISTANCES: Final = (1000.0, 100.0)
@@ -118,7 +123,8 @@ def mesh(
         The path.
 
     Raises:
-        InputError: The run has no reliable depth, or no camera path, or `voxels` is out of bounds.
+        InputError: The run has no reliable depth, or no camera path, `voxels` is out of bounds, or the path has the
+            ending of another format.
         StorageError: The output exists already or may not be replaced, or writing fails.
 
     Example:
@@ -131,6 +137,7 @@ def mesh(
 
     opened = run if isinstance(run, Run) else open_run(run)
     target = Path(path)
+    _check_ending("a mesh, which is PLY,", target, "mesh.ply")
     check_free(target, opened, overwrite=overwrite)
     depth, confidence = _depth(opened), opened.depth_confidence
     motion = opened.report.motion

@@ -595,6 +595,10 @@ def test_a_name_with_the_ending_of_another_format_is_refused(run, examples):
             InputError, match=rf"--to {to} into {name}; allowed: a name like {exports.FORMATS[to].name}"
         ):
             gs2ci.export("run", to, name)
+    with pytest.raises(InputError, match=r"--to ply into s\.SPLAT; allowed: a name like scene\.ply"):
+        gs2ci.export("run", "ply", "s.SPLAT")
+    with pytest.raises(InputError, match=r"a mesh, which is PLY, into m\.obj; allowed: a name like mesh\.ply"):
+        gs2ci.mesh("run", "m.obj")
     assert contents(examples) == before
 
 

@@ -8,6 +8,7 @@ GRBLHAL = GrblBuild(
     "VNM",
     avr=False,
     extra=("[FIRMWARE:grblHAL]", "[NEWOPT:ENUMS,RT+]"),
+    unhomed=11,
 )
 FLUIDNC = GrblBuild(
     b"Grbl 3.9 [FluidNC v3.9.1 (esp32-wifi) '$' for help]",
@@ -16,4 +17,5 @@ FLUIDNC = GrblBuild(
     avr=False,
     unlisted=frozenset({1, 13, 24, 25, 26, 27}),
     homing_mm={0: 0.0, 1: 0.0, 2: 0.0},
+    unhomed=14,
 )

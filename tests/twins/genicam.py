@@ -33,8 +33,9 @@ class GenicamModel(genicam.GenicamModel):
         stamped: Whether its clock can be latched.
         chunks: Whether it appends chunks.
         tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
-            the exposure set, ResultingFrameRate (Basler); "limit": from the limit of AcquisitionFrameRate, which
-            follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
+            the exposure set, ResultingFrameRate (Basler), "allied": AcquisitionFrameRateLimit (Allied Vision); "limit":
+            from the limit of AcquisitionFrameRate, which follows the exposure; "nothing": that is a fixed number
+            (mvBlueFOX3).
         least_delay_us: Least TriggerDelay: 9 on a Blackfly S (blackfly_s.yaml of flir_camera_driver, "value >= 9").
         locks_triggers: Whether what a trigger is cannot be set while TriggerMode is On (Spinnaker's example Trigger:
             "The trigger must be disabled in order to configure" its source).
@@ -43,6 +44,8 @@ class GenicamModel(genicam.GenicamModel):
         goes_on: Whether its frame numbers go on after a stop (Aravis issue 762: FLIR and Point Grey, GigE Vision).
         gain_unit: Unit of Gain: "dB", or "" for a factor without a unit (Chromasens).
         time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
+        whole_us: Step of ExposureTime and TriggerDelay where they are integers (aravis 98c2d790, arvcamera.c,
+            arv_camera_set_exposure_time: XIMEA); 0: they are not.
         auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
         processing: Whether it has further features that change readings (`genicam_processing`).
         debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
@@ -64,7 +67,7 @@ class GenicamModel(genicam.GenicamModel):
     gated: bool = True
     stamped: bool = True
     chunks: bool = True
-    tells: Literal["time", "rate", "limit", "nothing"] = "time"
+    tells: Literal["time", "rate", "allied", "limit", "nothing"] = "time"
     least_delay_us: float = 0.0
     locks_triggers: bool = False
     has_activation: bool = True
@@ -72,6 +75,7 @@ class GenicamModel(genicam.GenicamModel):
     goes_on: bool = False
     gain_unit: str = "dB"
     time_unit: Literal["us", "ms", "ns", "px"] = "us"
+    whole_us: int = 0
     auto_gain: float = 0.0
     processing: bool = False
     debouncer_us: tuple[float, float] | None = None
@@ -246,14 +250,17 @@ class GenicamTwin(genicam.GenicamTwin):
             node.value = max(float(node.value) * per_us, least)
             node.low, node.high = partial(float, least), partial(float, most_us * per_us)
             node.step, node.unit = step_us * per_us, model.time_unit
+            if model.whole_us:
+                node.kind, node.value, node.step = "integer", int(node.value), float(model.whole_us)
 
     def _tell(self, nodes: dict[str, Node]) -> None:
         """Leave out what the camera has not."""
         model = self.model
         if model.tells != "time":
             del nodes["SensorReadoutTime"]
-        if model.tells == "rate":
-            nodes["ResultingFrameRate"] = Node("float", fixed=True, read=self._highest_rate_hz)
+        if model.tells in ("rate", "allied"):
+            name = "ResultingFrameRate" if model.tells == "rate" else "AcquisitionFrameRateLimit"
+            nodes[name] = Node("float", fixed=True, read=self._highest_rate_hz)
         if model.tells == "limit":
             nodes["AcquisitionFrameRate"].high = self._highest_rate_hz
         if not model.stamped:

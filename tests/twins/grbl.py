@@ -5,10 +5,14 @@ Facts, with their places:
 - gnea/grbl (bfb67f0), report.c, report_build_info: letters of `[OPT:]`; `Z` is HOMING_FORCE_SET_ORIGIN, `H` are single
   axis homing commands, `+` is the safety door, `L` says that homing does not lock the controller at power-on.
 - grblHAL core (f80fc34), report.c, report_init_message: "GrblHAL 1.1f ['$' or '$HELP' for help]"; `[FIRMWARE:grblHAL]`.
+  protocol.c, protocol_main_loop: a start without homing raises ALARM:11 behind the greeting. protocol_exec_rt_system,
+  protocol_poll_cmd: while the emergency stop is pressed, after ALARM:10, a reset has no effect and `?` is answered; so
+  are the `$` lines that system.c allows, others with error:79, and what is no `$` line with error:9.
 - bdring/FluidNC (c47d53c), SettingsDefinitions.cpp, make_settings: the greeting is the setting Start/Message, any text;
   make_proxies: `$$` has no `$1`, `$13`, and only the axes that are configured. Limit.cpp: the travel begins at the
   homing position `mpos_mm`. Channel.cpp (005572e), Channel::ack: with `verbose_errors` the words of Error.cpp's
-  ErrorNames stand in place of an error's number.
+  ErrorNames stand in place of an error's number. Protocol.cpp (e952f33f), protocol_do_start: a start without homing
+  raises ALARM:14. ProcessSettings.cpp, home: $HX is refused with error:19 where allow_single_axis is false.
 """
 
 import re
@@ -37,6 +41,9 @@ class GrblBuild:
         extra: Further lines of `$I`.
         homing_mm: Where an axis stands after homing, for firmware that has this as a setting of its own.
         words: What stands in place of an error's number.
+        idle_ms: FluidNC's delay until the motors are switched off.
+        unhomed: The alarm of a start without homing; 0 for none.
+        alone: Whether an axis may be homed alone, where `$HX` is a command.
     """
 
     greeting: bytes = grbl.GrblTwin.greeting
@@ -48,6 +55,9 @@ class GrblBuild:
     extra: tuple[str, ...] = ()
     homing_mm: Mapping[int, float] | None = None
     words: Mapping[int, str] = field(default_factory=dict)
+    idle_ms: int = 255
+    unhomed: int = 0
+    alone: bool = True
 
 
 GRBL = GrblBuild()
@@ -92,7 +102,7 @@ class GrblTwin(grbl.GrblTwin):
         self.greeting, self._offset_mm = odd.build.greeting, odd.offset_mm
         super().__init__(clock, odd, faults, **options)
         del self._axes[odd.build.axes :]
-        self._hangs_up = False
+        self._hangs_up = self._stopped = False
 
     def open(self, *, hangs_up: bool = False, lowers: bool = False) -> SerialSession:
         """Open the port.
@@ -113,6 +123,33 @@ class GrblTwin(grbl.GrblTwin):
     def press(self, button: Literal["hold", "resume", "reset"]) -> None:
         """Press a button at the controller."""
         self._realtime({"hold": ord("!"), "resume": ord("~"), "reset": 0x18}[button])
+
+    def press_stop(self) -> None:
+        """Press grblHAL's emergency stop."""
+        self._forget()
+        self._state, self._stopped = "Alarm", True
+        for axis in self._axes:
+            axis.halt(self.clock.now_s())
+        self._reply(b"ALARM:10\r\n[MSG:Emergency stop]\r\n", "alarm")
+
+    def release_stop(self) -> None:
+        """Release it."""
+        self._stopped = False
+
+    def _soft_reset(self) -> None:
+        if not self._stopped:
+            super()._soft_reset()
+
+    def _dollar(self, text: str) -> None:
+        if self._stopped and text not in ("$$", "$G", "$I", "$N"):
+            self._answer("error:79", text)
+        else:
+            super()._dollar(text)
+
+    def _greet(self) -> None:
+        super()._greet()
+        if self._build.unhomed and self._state == "Alarm":
+            self._reply(f"ALARM:{self._build.unhomed}\r\n".encode("ascii"), "alarm")
 
     def _closed(self) -> None:
         if self._hangs_up:
@@ -141,6 +178,12 @@ class GrblTwin(grbl.GrblTwin):
             return (("XYZ".index(text[2:]),),)
         return super()._cycles(text)
 
+    def _home(self, text: str) -> None:
+        if text != "$H" and not self._build.alone:
+            self._answer("error:19", text)
+        else:
+            super()._home(text)
+
     def _homing_cycle(self, cycles: list[list[int]], text: str, *, missing: bool) -> None:
         lost = any(AXES[i] not in self._switches for i in cycles[0])
         super()._homing_cycle(cycles, text, missing=missing or lost)
@@ -157,6 +200,8 @@ class GrblTwin(grbl.GrblTwin):
         if homing_mm is not None and (found := re.fullmatch(r"\$/AXES/([XYZ])/HOMING/MPOS_MM", text)):
             home_mm = homing_mm["XYZ".index(found[1])]
             self._answer(f"$/axes/{found[1].lower()}/homing/mpos_mm={home_mm:.3f}\r\nok", text)
+        elif homing_mm is not None and text == "$/STEPPING/IDLE_MS":
+            self._answer(f"$/stepping/idle_ms={self._build.idle_ms}\r\nok", text)
         else:
             super()._when_quiet(text)
 

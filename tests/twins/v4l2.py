@@ -69,6 +69,7 @@ class CameraModel(v4l2_camera.CameraModel):
         processing: Whether it has further controls that change readings (`v4l2_processing`).
         sensor: Kernel driver of the sensor, which the kernel lists below /sys/bus/i2c; "": it lists none.
         auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
+        bus_code: The only bus format of its sensor, which its receiver widens to 16 bits; 0: one for each format.
     """
 
     significant_bits: int = 0
@@ -90,6 +91,7 @@ class CameraModel(v4l2_camera.CameraModel):
     processing: bool = False
     sensor: str = ""
     auto_gain: int = 0
+    bus_code: int = 0
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -252,6 +254,9 @@ class OddDevice(CaptureDevice):
         struct.pack_into("<II4sI", argument, 8, size[1], size[0], code.encode(), 1)
         struct.pack_into("<II", argument, 28, stride * size[0] + self._model.header_bytes, stride)
         struct.pack_into("<B", argument, 188, 1)
+
+    def _bus_codes(self) -> list[int]:
+        return [self._model.bus_code] if self._model.bus_code else super()._bus_codes()
 
     def _reqbufs(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
         (count,) = struct.unpack_from("<I", argument)

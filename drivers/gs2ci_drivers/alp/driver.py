@@ -106,6 +106,9 @@ class AlpModulator(Modulator):
             normal_us = self._of(sequence, Alp.MIN_PICTURE_TIME)
             dark_us = normal_us - self._of(sequence, Alp.MIN_ILLUMINATE_TIME)
             self._control(sequence, Alp.BIN_MODE, Alp.BIN_UNINTERRUPTED)
+            # The mode becomes active with the times (ViALUX's sample of AlpSeqTiming: "also activating the ALP_BITNUM
+            # and ALP_BIN_MODE setting").
+            self._call("AlpSeqTiming", [self._id, sequence, 0, 0, 0, 0, 0], "set default times")
             return self._of(sequence, Alp.MIN_PICTURE_TIME), self._of(sequence, Alp.MAX_PICTURE_TIME), dark_us
         finally:
             with suppress(DriverError):  # an error on the way is the one to be told

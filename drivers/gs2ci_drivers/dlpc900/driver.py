@@ -8,6 +8,7 @@ the last to the first, entry count again. TRIG_OUT_2 carries the pulses (one per
 TRIG_OUT_1 the gate. Connecting only reads.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final
@@ -26,6 +27,7 @@ from gs2ci_drivers.dlpc900.payloads import (
     PowerMode,
     Versions,
     decode_hardware_type,
+    decode_least_exposures,
     encode_block_load,
     encode_image_chunks,
     encode_image_start,
@@ -59,6 +61,7 @@ _EXCHANGE_S: Final = 2e-3
 _FIXED_EXCHANGES: Final = 20
 # The start command and its answer over USB; a capture corrects this figure by its first frame.
 _TYPICAL_START_S: Final = 5e-3
+_TELLS_LEAST_SINCE: Final = 6  # major version of the firmware
 _UNSETTLED: Final = "trigger_out_2_bit is not stated"
 _GREY: Final = "under a lamp that stays on, bit planes of short weight are lit for as long as the mirrors take to load"
 
@@ -157,12 +160,25 @@ class Dlpc900(Modulator):
                 remedy="power-cycle the board; if it stays so, reflash its firmware, both files of it, -primary and "
                 "-secondary",
             )
-        return self._describe(f"{versions.application} {tag}".strip())
+        told = self._least_exposures_us() if versions.application.major >= _TELLS_LEAST_SINCE else (0,) * 8
+        return self._describe(f"{versions.application} {tag}".strip(), told)
 
-    def _describe(self, version: str) -> ModulatorInfo:
+    def _least_exposures_us(self) -> tuple[int, ...]:
+        """Return what the controller itself tells of the shortest times of 1 to 8 bits; 0 if it does not.
+
+        It knows what the tables do not: the DLP5500, and a least LED pulse that another program has set (0x1A43), which
+        makes them longer. With a range of blocks that another session has set it tells shorter ones.
+        """
+        asked = "read the least exposures"
+        try:
+            return decode_least_exposures(self._channel.read(Command.LEAST_EXPOSURES, asked, length=16))
+        except RefusedError:  # it does not know the command
+            return (0,) * 8
+
+    def _describe(self, version: str, told_us: Sequence[int]) -> ModulatorInfo:
         model, gate = self._model, self.settings.trigger_out_1
         if self.settings.blocks is None:
-            shortest = {bits: timing.min_exposure_us(model, bits) for bits in range(1, 9)}
+            shortest = {bits: max(timing.min_exposure_us(model, bits), told_us[bits - 1]) for bits in range(1, 9)}
         else:
             first, count = self.settings.blocks
             if first + count > model.blocks:

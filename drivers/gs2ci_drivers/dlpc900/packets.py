@@ -58,6 +58,7 @@ class Command(enum.IntEnum):
     TRIGGER_IN_1 = 0x1A35
     TRIGGER_IN_2 = 0x1A36
     BLOCK_LOAD = 0x1A40
+    LEAST_EXPOSURES = 0x1A42
     CURTAIN_COLOUR = 0x1100
     TEST_PATTERN = 0x1203
 

@@ -179,6 +179,17 @@ class Versions:
         return cls(*numbers)
 
 
+def decode_least_exposures(data: bytes) -> tuple[int, ...]:
+    """Read the shortest time on show for 1 to 8 bits, µs (0x1A42).
+
+    Raises:
+        MalformedReplyError: Fewer than 16 bytes.
+    """
+    if len(data) < 16:
+        raise MalformedHidReplyError(f"least exposures in {len(data)} bytes", allowed="16 bytes")
+    return struct.unpack("<8H", data[:16])
+
+
 def decode_hardware_type(data: bytes) -> tuple[int, str]:
     """Read the mirror device's type number and the firmware's tag (0x0206).
 

@@ -77,7 +77,7 @@ MODELS: Final[dict[DmdType, DmdModel]] = {
         "DLP500YX", 2048, 1200, 5.4, (62, 184, 269, 458, 682, 807, 1083, 2263), 800, 400,
         (30, 30, 30, 30, 34, 38, 42, 46, 50, 54, 58, 62), dual=True,
     ),
-    # TI tabulates no times for this one: the controller itself refuses times that are too short (error 14).
+    # TI tabulates no times for this one: the controller tells them (0x1A42), and refuses shorter ones (error 14).
     DmdType.DLP5500: DmdModel("DLP5500", 1024, 768, 10.8, None, 1024, 960),
 }  # fmt: skip
 

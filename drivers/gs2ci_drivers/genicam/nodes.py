@@ -95,7 +95,7 @@ class Features:
             return self._port.read(name)
 
     def write(self, name: str, value: FeatureValue) -> FeatureValue:
-        """Write a feature and return its value afterwards.
+        """Write a feature, an integer one to its nearest step, and return its value afterwards.
 
         Raises:
             UnsupportedError: There is no such feature, or no such entry.
@@ -126,6 +126,9 @@ class Features:
                 asked="configure",
                 allowed=f"{found.low:g} to {found.high:g}" + (f" by {found.step:g}" if found.step != 1 else ""),
             )
+        if found.kind == "integer" and isinstance(value, float):  # times may be integers: XIMEA's ExposureTime
+            steps = min(round((value - found.low) / found.step), (found.high - found.low) // found.step)
+            value = int(found.low + steps * found.step)
         with port_errors(self.device, f"{name} = {value}"):
             self._port.write(name, value)
         return self.read(name) if found.readable else value

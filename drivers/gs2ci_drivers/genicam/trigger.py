@@ -14,8 +14,6 @@ from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.ports import FeatureValue
 from gs2ci_drivers.sensor import TriggerMode
 
-OTHERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
-"""Triggers that would block the camera if another program had left them on."""
 AS_WIRED: Final[dict[str, FeatureValue]] = {"LineMode": "Input", "LineInverter": False}
 """What the trigger's line has to be: an inverter lies before TriggerActivation (Teledyne Linea HS manual: "after any
 processing by the line inverter module"), so that rising edges would be falling ones, a pulse later."""
@@ -53,10 +51,9 @@ class Trigger:
         if selector is None:
             features.write_if_there("TriggerMode", "Off")
             return
-        for name in dict.fromkeys((*OTHERS, self._options.trigger_selector)):
-            if name in selector.symbols:
-                features.write("TriggerSelector", name)
-                features.write_if_there("TriggerMode", "Off")
+        for name in selector.symbols:
+            features.write("TriggerSelector", name)
+            features.write_if_there("TriggerMode", "Off")
 
     def set(self, mode: TriggerMode) -> None:
         """Set what starts an exposure: the camera's clock, an edge or a level.

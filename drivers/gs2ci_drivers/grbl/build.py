@@ -38,6 +38,7 @@ class Build:
         settings: Values of `$n`.
         startup: Startup lines by their names.
         homing_mm: Where axes stand after homing, by number, where the firmware has this as a setting of its own.
+        idle_ms: FluidNC's delay until the motors are switched off (stepping: idle_ms); 255 is never, as with `$1`.
     """
 
     version: str = ""
@@ -46,6 +47,7 @@ class Build:
     settings: Mapping[int, float] = field(default_factory=dict)
     startup: Mapping[str, str] = field(default_factory=dict)
     homing_mm: Mapping[int, float] = field(default_factory=dict)
+    idle_ms: float | None = None
 
     @property
     def homing_enabled(self) -> bool:
@@ -90,9 +92,9 @@ class Build:
         found = []
         if not self.homing_enabled:
             found.append("homing is disabled ($22=0): positions count from power-on")
-        lock_ms = self.settings.get(1)
-        if lock_ms is not None and lock_ms != LOCK_MS:
-            found.append(f"the motors are switched off {lock_ms:g} ms after every move ($1={lock_ms:g}): set $1=255")
+        for name, idle_ms in (("$1", self.settings.get(1)), ("idle_ms of stepping", self.idle_ms)):
+            if idle_ms is not None and idle_ms != LOCK_MS:
+                found.append(f"the motors are switched off {idle_ms:g} ms after every move: set {name}=255")
         if self.homing_enabled and not self.homes_single and self.family != "FluidNC" and len(axes) < len(LETTERS):
             others = ", ".join(axis for axis in LETTERS if axis not in axes)
             found.append(f"homing drives {others} too, z first: a build for this stage homes its own axes only")

@@ -59,7 +59,7 @@ SAMPLE_GAP_S = 0.02
 STOP_TIMEOUT_S = 5.0
 SYNC_TIMEOUT_S = 5.0
 ARRIVAL_STEPS = 1.0
-LOCKED_OUT, BEYOND = "error:9", "error:15"
+LOCKED_OUT, BEYOND, NOT_ALONE = "error:9", "error:15", "error:19"
 OFFSET_REPORTS = 31
 """The offset of work positions comes at the latest with so many reports (config.h, REPORT_WCO_REFRESH_BUSY_COUNT)."""
 OWN_AXES = (
@@ -153,8 +153,7 @@ class GrblStage(Stage):
         self._homing = True
         single = build.homes_single and len(self._names) < len(LETTERS)
         try:
-            for command in [f"$H{axis.upper()}" for axis in axes] if single else ["$H"]:
-                self._send_home(command, timeout_s)
+            self._send_homes([f"$H{axis.upper()}" for axis in axes] if single else ["$H"], timeout_s)
         except RefusedError:
             self._homing = False  # it has not begun: `stop` need not reset
             raise
@@ -165,6 +164,16 @@ class GrblStage(Stage):
         self._homing = self._link.restarted = False
         self._homed, self._link.alarm, self._link.suspicion = True, None, ""
         self._rest.settle(self._machine_mm(self._link.status("home")))
+
+    def _send_homes(self, commands: list[str], timeout_s: float) -> None:
+        """Home axis by axis, or all together where FluidNC's configuration (allow_single_axis) forbids that."""
+        try:
+            for command in commands:
+                self._send_home(command, timeout_s)
+        except RefusedError as error:
+            if error.code != NOT_ALONE:
+                raise
+            self._send_home("$H", timeout_s)
 
     def _send_home(self, command: str, timeout_s: float) -> None:
         """Home; once more if only an alarm of before came in answer, which nobody had heard."""

@@ -259,11 +259,14 @@ class GrblLink:
             text = self._next(deadline_s, "?")
             if text.startswith("<"):
                 try:
-                    return parse_status(text)
+                    status = parse_status(text)
                 except ValueError as error:
                     raise BadReplyError(
                         self._name, "?", text.encode(), str(error), allowed="<State|MPos:x,y,z|...>"
                     ) from error
+                if status.state == "Alarm":  # grblHAL can tell its number here ($10, bit 10)
+                    self.alarm = status.substate or self.alarm
+                return status
 
     def _next(self, deadline_s: float, asked: str) -> str:
         """Return the next line; store an alarm or a restart that it reports."""
@@ -284,6 +287,8 @@ def _remedy(error: int) -> str:
         return f"home the stage: `{HOME_COMMAND}`"
     if error == 15:
         return "keep the target, with the sweep's run-up, inside the machine's travel ($130-$132)"
+    if error in (18, 40, 45, 50, 51, 79):
+        return "release the stop, switch or pin that it names, reset the controller, then home the stage"
     if error == 8:
         return "wait until nothing moves, or stop it; see the controller's state"
     return "see the controller's settings with $$"

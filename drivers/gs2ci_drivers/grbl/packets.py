@@ -1,7 +1,9 @@
 """GRBL 1.1 lines: status reports, settings, greetings, alarms, errors. Pure; no port, no time.
 
 Source: gnea/grbl doc/markdown/interface.md, settings.md, commands.md and doc/csv; reference section 3.3. grblHAL has
-the state Tool, FluidNC the state Starting and only as many positions as axes are configured.
+the state Tool, FluidNC the state Starting and only as many positions as axes are configured. From alarm 10 and error 18
+on each family has numbers of its own: grblHAL/core f80fc34, alarms.h and errors.h; bdring/FluidNC e952f33f, Alarm.h and
+Error.h.
 """
 
 import re
@@ -10,6 +12,8 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 LONGEST_LINE = 80
+MOST_AXES = 8
+"""grblHAL's; reports have a position of each."""
 STATUS_REQUEST = b"?"
 JOG_CANCEL = b"\x85"
 FEED_HOLD = b"!"
@@ -25,10 +29,23 @@ ALARMS: dict[int, str] = {
     7: "homing: safety door opened",
     8: "homing: pull-off did not clear the switch",
     9: "homing: switch not found",
-    10: "homing: dual axis switch not found",
+    10: "GRBL: homing: dual axis switch not found; grblHAL: emergency stop; FluidNC: spindle",
+    11: "grblHAL: homing required; FluidNC: an input pin was active at the start",
+    12: "grblHAL: a limit switch is engaged; FluidNC: homing: it is not known which switch is engaged",
+    13: "grblHAL: probe protection; FluidNC: stopped by a fault pin",
+    14: "grblHAL: spindle; FluidNC: not homed since the start",
+    15: "grblHAL: homing: second switch not found; FluidNC: not unlocked since the start",
+    16: "grblHAL: self test failed; FluidNC: an expander restarted",
+    17: "grblHAL: motor fault; FluidNC: error in a program",
+    18: "grblHAL: homing: bad configuration; FluidNC: limit hit while probing",
+    19: "grblHAL: Modbus",
+    20: "grblHAL: no answer of an expander",
+    21: "grblHAL: settings cannot be stored",
+    22: "grblHAL: buffer overflow",
 }
 LOCKING_ALARMS = frozenset({1, 2})
-"""After these the controller answers nothing until a soft reset (gnea/grbl, protocol.c, protocol_exec_rt_system)."""
+"""After these the controller answers nothing until a soft reset (gnea/grbl, protocol.c, protocol_exec_rt_system).
+grblHAL and FluidNC answer `?` after these and others (grblHAL: 10, 17, 20), and take no motion."""
 ALARMS_OF_BEFORE = frozenset({1, 2, 3})
 """Alarms that homing does not raise: limits are not checked meanwhile (motion_control.c, mc_homing_cycle)."""
 ERRORS: dict[int, str] = {
@@ -49,16 +66,27 @@ ERRORS: dict[int, str] = {
     15: "jog target beyond the machine's travel",
     16: "invalid jog command",
     17: "laser mode needs PWM",
+    18: "grblHAL: reset is pressed; FluidNC: no axis has a homing cycle",
+    19: "FluidNC: an axis that may not be homed alone",
     20: "unsupported or invalid command",
     21: "two commands of one modal group",
     22: "no feed rate",
     23: "needs an integer",
     33: "invalid motion target",
+    40: "grblHAL: a tool change waits; FluidNC: an input pin is active",
+    45: "grblHAL: a limit switch is engaged",
+    46: "grblHAL: not before it is homed",
+    50: "grblHAL: emergency stop",
+    51: "grblHAL: motor fault",
+    79: "grblHAL: not before a reset, after an emergency stop, a motor fault or a limit",
+    130: "FluidNC: the jog was cancelled",
+    152: "FluidNC: its configuration has errors",
 }
 _SAID = {
     "Command requires idle state": 8,
     "GCode cannot be executed in lock or alarm state": 9,
     "Max travel exceeded during jog": 15,
+    "Single axis homing not allowed": 19,
 }
 """Errors whose numbers decide what is done next, as FluidNC words them where its configuration has `verbose_errors`."""
 MOVING_STATES = frozenset({"Run", "Jog", "Home"})
@@ -70,7 +98,7 @@ _BANNER = re.compile(r"^Grbl(HAL)? \d+\.\d+\w*\b.*\[", re.IGNORECASE)
 _KNOWN = re.compile(r"^(?:<|\[|\$|>|ok$|error:|ALARM:\d)")
 _WORDS = re.compile(r"^[\x20-\x7e]*[A-Za-z]{3}[\x20-\x7e]*$")
 _STARTUP = re.compile(r"^\$(N\d)=(.*)$")
-_HOMING = re.compile(r"^\$?/axes/([xyz])/homing/mpos_mm=(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
+_ITEM = re.compile(r"^\$?/([\w/]+)=(-?\d+(?:\.\d+)?)$")
 _SETTING = re.compile(r"^\$(\d{1,3})=(-?\d+(?:\.\d+)?)$")
 _CODE = re.compile(r"^(error|ALARM):(\d{1,3})$")
 
@@ -100,7 +128,7 @@ class Status:
     @property
     def moving(self) -> bool:
         """Get whether the machine moves, or brakes."""
-        braking = (self.state == "Hold" and self.substate == 1) or (self.state == "Door" and self.substate in (2, 3))
+        braking = (self.state == "Hold" and self.substate == 1) or (self.state == "Door" and self.substate in (2, 3, 4))
         return self.state in MOVING_STATES or braking
 
     @property
@@ -140,7 +168,7 @@ def _numbers(text: str | None) -> tuple[float, ...] | None:
     if text is None:
         return None
     values = tuple(float(part) for part in text.split(","))
-    if not 1 <= len(values) <= 6 or not all(isfinite(value) for value in values):
+    if not 1 <= len(values) <= MOST_AXES or not all(isfinite(value) for value in values):
         raise ValueError(f"not a position: {text!r}")
     return values
 
@@ -165,10 +193,10 @@ def parse_startup(line: str) -> tuple[str, str] | None:
     return (match[1], match[2]) if match else None
 
 
-def parse_homing_mm(line: str) -> float | None:
-    """Return where an axis stands after homing, as FluidNC's configuration says, or None."""
-    match = _HOMING.match(line)
-    return float(match[2]) if match else None
+def parse_item(line: str, path: str) -> float | None:
+    """Return a number of FluidNC's configuration, "stepping/idle_ms", or None if the line is another one."""
+    match = _ITEM.match(line)
+    return float(match[2]) if match and match[1].lower() == path else None
 
 
 def is_banner(line: str) -> bool:

@@ -10,7 +10,7 @@ from gs2ci_drivers.axis import AxisInfo
 from gs2ci_drivers.failures import BadReplyError, RefusedError, UnsupportedError
 from gs2ci_drivers.grbl.build import LETTERS, Build, SteppedAxis, read_build
 from gs2ci_drivers.grbl.link import GrblLink
-from gs2ci_drivers.grbl.packets import parse_homing_mm, parse_setting, parse_startup
+from gs2ci_drivers.grbl.packets import parse_item, parse_setting, parse_startup
 from gs2ci_drivers.grbl.rest import report_mm
 
 FEED_STEP_MM_MIN = 0.001
@@ -49,20 +49,20 @@ def ask_build(link: GrblLink, device: str, axes: Sequence[str]) -> Build:
             allowed="startup lines without motion",
             remedy="clear it with $N0= (or $N1=)",
         )
-    return replace(build, homing_mm=_homing_mm(link, axes)) if build.family == "FluidNC" else build
+    if build.family != "FluidNC":
+        return build
+    homing = {LETTERS.index(axis): _item(link, f"axes/{axis}/homing/mpos_mm") for axis in axes}
+    homing_mm = {number: home_mm for number, home_mm in homing.items() if home_mm is not None}
+    return replace(build, homing_mm=homing_mm, idle_ms=_item(link, "stepping/idle_ms"))
 
 
-def _homing_mm(link: GrblLink, axes: Sequence[str]) -> dict[int, float]:
-    found = {}
-    for axis in axes:
-        try:
-            lines = link.command(f"$/axes/{axis}/homing/mpos_mm")
-        except RefusedError:  # it has no homing
-            continue
-        for line in lines:
-            if (home_mm := parse_homing_mm(line)) is not None:
-                found[LETTERS.index(axis)] = home_mm
-    return found
+def _item(link: GrblLink, path: str) -> float | None:
+    """Return a number of FluidNC's configuration; None where there is none: an axis without homing."""
+    try:
+        lines = link.command(f"$/{path}")
+    except RefusedError:
+        return None
+    return next((found for line in lines if (found := parse_item(line, path)) is not None), None)
 
 
 def axis_info(build: Build, device: str, axis: str) -> AxisInfo:

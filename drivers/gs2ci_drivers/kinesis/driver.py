@@ -36,6 +36,7 @@ from gs2ci_drivers.kinesis.options import KinesisOptions
 from gs2ci_drivers.kinesis.packets import (
     CHANNEL,
     CUBE,
+    ENDED_BY,
     FAULTS,
     FIRST_BAY,
     MOTHERBOARD,
@@ -177,7 +178,7 @@ class KinesisStage(Stage):
                 )
             reached_mm = model.mm(self._position(axis))
             if abs(reached_mm - model.mm(counts)) > ARRIVAL_MM:
-                faults = [words for bit, words in FAULTS.items() if bits & bit]
+                faults = [words for bit, words in ENDED_BY.items() if bits & bit]
                 raise MoveFailedError(
                     self.name,
                     asked,

@@ -55,10 +55,12 @@ class Message(IntEnum):
 
 
 class AptStatus(IntFlag):
-    """Bits of the status word (MGMSG_MOT_GET_STATUSBITS)."""
+    """Bits of the status word (MGMSG_MOT_GET_STATUSBITS); pylablib dfd3273 and thorlabs-apt-protocol b7ed9de agree."""
 
     FORWARD_LIMIT = 0x1
     REVERSE_LIMIT = 0x2
+    FORWARD_SOFT_LIMIT = 0x4
+    REVERSE_SOFT_LIMIT = 0x8
     MOVING_FORWARD = 0x10
     MOVING_REVERSE = 0x20
     JOGGING_FORWARD = 0x40
@@ -69,7 +71,13 @@ class AptStatus(IntFlag):
     TRACKING = 0x1000
     SETTLED = 0x2000
     MOTION_ERROR = 0x4000
+    TOO_HOT = 0x20000
+    SUPPLY_VOLTAGE = 0x40000
+    COMMUTATION_ERROR = 0x80000
     CURRENT_LIMIT = 0x01000000
+    ENCODER_FAULT = 0x02000000
+    OVERCURRENT = 0x04000000
+    SUPPLY_CURRENT = 0x08000000
     ENABLED = 0x80000000
 
 
@@ -82,8 +90,19 @@ MOVING: Final = (
 )
 FAULTS: Final = {
     AptStatus.MOTION_ERROR: "motion error: the position error is beyond its limit (0x4000)",
+    AptStatus.TOO_HOT: "the motor's driver is too hot (0x20000)",
+    AptStatus.SUPPLY_VOLTAGE: "the supply's voltage is too low (0x40000)",
+    AptStatus.COMMUTATION_ERROR: "commutation error: switch the controller off and on, then home (0x80000)",
     AptStatus.CURRENT_LIMIT: "the motor's current is at its limit (0x01000000)",
+    AptStatus.ENCODER_FAULT: "encoder fault: check the stage's cable (0x02000000)",
+    AptStatus.OVERCURRENT: "the motor's current was too high (0x04000000)",
+    AptStatus.SUPPLY_CURRENT: "too much current is drawn from the supply (0x08000000)",
 }
+ENDED_BY: Final = FAULTS | dict.fromkeys(
+    (AptStatus.FORWARD_SOFT_LIMIT, AptStatus.REVERSE_SOFT_LIMIT),
+    "at a software limit, which another program has set (MGMSG_MOT_SET_LIMSWITCHPARAMS)",
+)
+"""What may have ended a move short of its target, faults or not."""
 PROFILED_STOP: Final = 2
 """MGMSG_MOT_MOVE_STOP, second parameter: 1 stops at once and may lose steps, 2 decelerates."""
 

@@ -84,6 +84,15 @@ PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
 }
 
 
+def bus_bits(pixel: PixelFormat) -> dict[int, int]:
+    """Return the bits of the media-bus codes that may carry a pixel format, its own first, {} if it has none.
+
+    A receiver may widen what a sensor sends to 16 bits: rp1-cfe makes Y16 of Y10 (cfe_fmts.h, CFE_REMAP_16BIT).
+    """
+    others = [one for one in PIXEL_FORMATS.values() if one.cfa == pixel.cfa] if pixel.bits == 16 else []
+    return {one.bus_code: one.bits for one in (pixel, *others) if one.bus_code is not None}
+
+
 @dataclass(frozen=True)
 class FrameGeometry:
     """The layout of a frame as the kernel reported it after S_FMT.
@@ -94,7 +103,7 @@ class FrameGeometry:
         height: Rows.
         stride: Bytes from one row to the next, at least the packed row.
         significant_bits: Bits that carry the value; fewer than the format's if a driver puts, for example, 12-bit
-            samples into `Y16`.
+            samples into `Y16`, as rp1-cfe does in the upper bits.
         alignment: Position of the value in a 16-bit container: `low` (value = word), `high` (left-aligned, zeros below)
             or `repeated` (left-aligned, its top bits repeated below: VI5 of NVIDIA's Jetson Xavier and Orin).
 

@@ -8,7 +8,7 @@ import ctypes
 import errno
 import os
 import select
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, NoReturn, TypeVar
@@ -292,8 +292,13 @@ class VideoNode:
             stride, size = pix.bytesperline, pix.sizeimage
         return NodeFormat(abi.fourcc_name(pix.pixelformat), pix.width, pix.height, stride, size, planes)
 
-    def set_bus_format(self, bus_code: int, width: int, height: int) -> tuple[int, int]:
-        """Set the format on pad 0 of a sub-device; return the width and height that it set.
+    def set_bus_format(self, bus_codes: Sequence[int], width: int, height: int) -> tuple[int, int, int]:
+        """Set the format on pad 0 of a sub-device; return code, width and height that it set.
+
+        Args:
+            bus_codes: The format to request, then others that will do if the sensor settles on one of them.
+            width: Columns.
+            height: Rows.
 
         Raises:
             RefusedError: It set another bus format, or refused.
@@ -301,11 +306,11 @@ class VideoNode:
         """
         fmt, raw = allocate(abi.SubdevFormat)
         fmt.which, fmt.pad = abi.FORMAT_ACTIVE, 0
-        fmt.format.width, fmt.format.height, fmt.format.code = width, height, bus_code
+        fmt.format.width, fmt.format.height, fmt.format.code = width, height, bus_codes[0]
         fmt.format.field = abi.FIELD_NONE
-        asked = f"VIDIOC_SUBDEV_S_FMT 0x{bus_code:04X} {width}x{height}"
+        asked = f"VIDIOC_SUBDEV_S_FMT 0x{bus_codes[0]:04X} {width}x{height}"
         self.call(abi.SUBDEV_S_FMT, raw, asked)
-        if fmt.format.code != bus_code:
+        if fmt.format.code not in bus_codes:
             raise RefusedError(
                 self.device,
                 asked,
@@ -313,7 +318,7 @@ class VideoNode:
                 "the sensor settled on another bus format",
                 remedy="choose a pixel format with the sensor's own bit depth and mosaic",
             )
-        return fmt.format.width, fmt.format.height
+        return fmt.format.code, fmt.format.width, fmt.format.height
 
     def get_region(self, target: abi.SelectionTarget) -> Region | None:
         """Return a region of the pixel array; None if the driver has none."""

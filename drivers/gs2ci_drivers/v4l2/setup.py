@@ -16,7 +16,7 @@ from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSe
 from gs2ci_drivers.v4l2 import abi, leftovers
 from gs2ci_drivers.v4l2.controls import Applied, Control, ControlTable
 from gs2ci_drivers.v4l2.exposure import ExposureControl, counts_microseconds, line_time_s
-from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, FrameGeometry, PixelFormat
+from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment, FrameGeometry, PixelFormat, bus_bits
 from gs2ci_drivers.v4l2.node import Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.rows import ROLLS, rolls
@@ -24,6 +24,9 @@ from gs2ci_drivers.v4l2.trigger import trigger_adapter
 
 REGION_STEP_PX: Final = 4
 """Centred regions begin at multiples of this: all supported sensors accept these, and a mosaic keeps its order."""
+RAISES: Final = frozenset({"rp1-cfe"})
+"""Kernel drivers that put what a sensor sends into the upper bits of 16 (Raspberry Pi 5: "zero padding at the least
+significant end", documentation of rpicam-apps, Unpacked format details); on a Pi 4 it is in the lower ones."""
 LARGEST_PX: Final = 16384
 """Requested if the largest frame is wanted: every driver reduces it to its own largest."""
 
@@ -61,6 +64,7 @@ class OpenCamera:
             self._require_capture(self.identity)
             self._subdevice: VideoNode | None = None
             self._moved: tuple[Applied, ...] = ()
+            self._sent_bits = 0
             if options.subdevice:
                 subdevice = VideoNode(port, options.subdevice, name, of_subdevice=True)
                 self._subdevice = undo.enter_context(contextlib.closing(subdevice))
@@ -136,7 +140,7 @@ class OpenCamera:
         return ExposureControl.find(self.controls, width, self._options.exposure_unit_s, micro=self._micro)
 
     def _frame_format(self, pixel: PixelFormat, fmt: NodeFormat) -> FrameFormat:
-        bits = min(self._options.significant_bits or pixel.bits, pixel.bits)
+        bits = min(self._options.significant_bits or self._sent_bits or pixel.bits, pixel.bits)
         return FrameFormat(pixel.code.strip(), fmt.height, fmt.width, bits, pixel.cfa)
 
     def apply(self, config: SensorConfig) -> CameraSetup:
@@ -227,7 +231,7 @@ class OpenCamera:
         stride = fmt.stride or pixel.row_bytes(fmt.width)  # some drivers leave it 0 for packed formats
         bits = self._frame_format(pixel, fmt).bits
         try:
-            geometry = FrameGeometry(pixel, fmt.width, fmt.height, stride, bits, self._options.alignment)
+            geometry = FrameGeometry(pixel, fmt.width, fmt.height, stride, bits, self._alignment())
         except InputError as error:
             raise DeviceFaultError(self.name, "VIDIOC_S_FMT", [str(error)]) from error
         if fmt.size_bytes < geometry.payload_bytes:
@@ -237,6 +241,13 @@ class OpenCamera:
                 [f"buffers of {fmt.size_bytes} bytes for frames of {geometry.payload_bytes}"],
             )
         return geometry
+
+    def _alignment(self) -> Alignment:
+        """Return where values lie in 16 bits: as the rig file says, or as is known of the kernel driver."""
+        raised = (
+            self._sent_bits and self.identity.driver in RAISES and "alignment" not in self._options.model_fields_set
+        )
+        return "high" if raised else self._options.alignment
 
     def _offered(self) -> str:
         return ", ".join(code.strip() for code in self.node.formats() if code in PIXEL_FORMATS)
@@ -257,11 +268,12 @@ class OpenCamera:
                 remedy="set `format` in [sensor]",
             )
         width, height = config.width or present.width, config.height or present.height
-        bus_code = PIXEL_FORMATS[code].bus_code
+        bits = bus_bits(PIXEL_FORMATS[code])
         if self._subdevice is not None:
             self._set_region(self._subdevice, config)
-            if bus_code is not None:
-                width, height = self._subdevice.set_bus_format(bus_code, width, height)
+            if bits:
+                sent, width, height = self._subdevice.set_bus_format(tuple(bits), width, height)
+                self._sent_bits = 0 if bits[sent] == PIXEL_FORMATS[code].bits else bits[sent]
         fmt = node.set_format(code, width, height)
         # A capture node with a scaler accepts every size; one without reads out the region that was set.
         other = config.top is not None or config.left is not None or (fmt.height, fmt.width) != (height, width)

@@ -207,7 +207,8 @@ def check_truth(
         The scale, snapped to a usual one within 2 %; None where the truth does not explain the measurement.
 
     Raises:
-        InputError: The truth explains the measurement only with the masks in reversed order.
+        InputError: The truth explains the measurement only with the masks in reversed order, or with red and blue
+            exchanged.
     """
     model = coding.forward(views, cfa)
     scale, residual = fit(measurement, model)
@@ -227,6 +228,14 @@ def check_truth(
             f"(residual {reverse:.2%}), not as given ({residual:.2%})",
             allowed="masks and true views in the order of exposure",
             remedy="say --reverse-masks, reverse the true views, or leave them out with --truth-key none",
+        )
+    _, swapped = fit(measurement, coding.forward(views[..., ::-1], cfa))
+    if swapped < EXPLAINED and swapped < 0.2 * residual:
+        raise InputError(
+            f"{truth.where}: the true views explain the measurement with red and blue exchanged (residual "
+            f"{swapped:.2%}), not as given ({residual:.2%})",
+            allowed="red, green, blue; OpenCV reads and writes blue, green, red",
+            remedy="reverse the colours of one of the two, or leave the true views out with --truth-key none",
         )
     _doubt_first(truth, measurement, coding, views, cfa, residual, guesses)
     if residual < EXPLAINED and scale > 0:

@@ -59,13 +59,11 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     else:
         guesses.append(f"{len(own)} exposures, each with masks of its own")
         shots = []
-        for k, (measurement, masks) in enumerate(own):
-            given = (found.truth, options.world_to_camera, options.telemetry)
-            parts = [_of_exposure(one, k, len(own)) for one in given]
-            one = replace(found, measurement=measurement, masks=masks, truth=parts[0])
-            said = replace(options, world_to_camera=parts[1], telemetry=parts[2])
+        truths = _truths(found.truth, own)
+        for k, ((measurement, masks), truth) in enumerate(zip(own, truths, strict=True)):
+            one = replace(found, measurement=measurement, masks=masks, truth=truth, exposure=k, exposures=len(own))
             more: list[str] = []
-            shots += _shots(f"{path.stem}-{k}", one, said, more)
+            shots += _shots(f"{path.stem}-{k}", one, options, more)
             guesses += [f"exposure {k}: {guess}" for guess in more]
     for holder in {id(one): one for one in (found.container, found.masks_container)}.values():
         if unused := holder.unused():
@@ -73,13 +71,26 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     return Imported(shots, guesses)
 
 
-def _of_exposure(given: Array | None, index: int, count: int) -> Array | None:
-    """Return the part of true views or poses that belongs to one of several exposures."""
-    if given is None or len(given.values) % count:
-        return given
-    each = len(given.values) // count
-    part = given.values[index * each : (index + 1) * each]
-    return Array(given.where, part[0] if each == 1 else part)
+def _check_guess(found: Found, options: ImportOptions, traced: PatternTrace | None) -> None:
+    """Refuse what only its lonely name made the measurement if it shows no masks: benchmarks hold true views alone."""
+    is_named = options.meas_key or roles.key_of(found.container, "measurement", None, [])
+    if is_named or "" in found.container.entries or traced is None or traced.shows:
+        return
+    raise InputError(
+        f"{found.measurement.where}: has no known name, and shows no trace of the masks: views that nothing coded, or "
+        "another's masks?",
+        allowed=f"a measurement, the sum of masked views, under one of {', '.join(roles.ALIASES['measurement'])}",
+        remedy="name it with --meas-key if it is one; true views become one by np.einsum('nhw,nhw->hw', masks, views)",
+    )
+
+
+def _truths(truth: Array | None, own: list[tuple[Array, Array]]) -> list[Array | None]:
+    """Return the true views of each of several exposures, [N, H, W, C], whichever axis of the file counts them."""
+    if truth is None:
+        return [None] * len(own)
+    views, *size = own[0][1].values.shape
+    arranged = axes.arrange_truth(truth, len(own), views, (size[0], size[1]))
+    return [Array(truth.where, one) for one in arranged]
 
 
 def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) -> list[Shot]:
@@ -108,6 +119,7 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
         has_dark=fields.dark is not None,
         guesses=guesses,
     )
+    _check_guess(found, options, settled.traced)
     # A sum that went round or was divided has no highest reading; a curve has one.
     counted = settled.readings + offset + fields.black if settled.undone in ("overflow", "divided") else stored
     settled = replace(settled, readings=fields.flattened(settled.readings, stack, guesses))
@@ -283,7 +295,7 @@ class _Import:
     def true_poses(self) -> F64 | None:
         """Get the true poses, [K, N, 4, 4], from the user or from the file."""
         if self.options.world_to_camera is not None:
-            return self._stack_of_poses(self.options.world_to_camera)
+            return self._stack_of_poses(self.found.own(self.options.world_to_camera))
         poses = self.poses("world_to_camera")
         return self.poses("camera_to_world") if poses is None else poses
 
@@ -292,6 +304,7 @@ class _Import:
         given, shots = self.options.telemetry, len(self.readings)
         if given is None:
             return self.poses("telemetry")
+        given = self.found.own(given)
         masks = sorted({self.settled.given, len(self.settled.shown)})
         if len(given.values) not in [shots * one for one in masks]:
             told = " or ".join(str(shots * one) for one in masks)
@@ -308,7 +321,7 @@ class _Import:
         if given is None:
             return None
         self.guesses.append(f"{given.where}: {'poses of the stage' if role == 'telemetry' else 'true poses'}")
-        return self._stack_of_poses(given, camera_to_world=role == "camera_to_world")
+        return self._stack_of_poses(self.found.own(given), camera_to_world=role == "camera_to_world")
 
     def provenance(self, index: int, full: scale.Scale) -> dict[str, Any]:
         """Say where a shot came from and what was guessed."""

@@ -23,13 +23,34 @@ _TYPICAL_SHARES: Final = (0.05, 2.0)
 
 @dataclass(frozen=True)
 class Found:
-    """Arrays of the file by role, still in its units and orders."""
+    """Arrays of the file by role, still in its units and orders.
+
+    Args:
+        measurement: Of all exposures, or of one that has masks of its own.
+        masks: Its masks.
+        truth: Its true views.
+        container: The file.
+        masks_container: That of the masks.
+        exposure: Which of several exposures that have masks of their own.
+        exposures: How many such exposures the file holds.
+    """
 
     measurement: Array
     masks: Array
     truth: Array | None
     container: Container
     masks_container: Container
+    exposure: int = 0
+    exposures: int = 1
+
+    def own(self, given: Array) -> Array:
+        """Return what belongs to this exposure of poses or weights, [K, N, ...] or [K * N, ...]; [N, ...] is of all."""
+        stored = len(given.values) if given.values.ndim else 0
+        each, rest = divmod(stored, self.exposures)
+        if self.exposures == 1 or rest or not each or stored == len(self.masks.values):
+            return given
+        part = given.values[self.exposure * each : (self.exposure + 1) * each]
+        return Array(given.where, part[0] if each == 1 else part)
 
 
 def find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: list[str]) -> Found:
@@ -86,7 +107,7 @@ def weights_of(found: Found, stored: int, used: int, guesses: list[str]) -> F32:
     for container in (found.container, found.masks_container):
         key = roles.key_of(container, "weights", None, guesses)
         if key is not None:
-            given = container.load(key)
+            given = found.own(container.load(key))
             break
     else:
         return np.ones(used, np.float32)

@@ -36,7 +36,7 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "camera_to_world": ("camera_to_world", "c2w"),
     "telemetry": ("telemetry_world_to_camera",),
     "weights": ("weights",),
-    "cfa": ("cfa", "bayer", "bayer_pattern"),
+    "cfa": ("cfa", "bayer", "bayer_pattern", "bayer_mode"),
     "white": ("white", "whites", "white_frame", "flat", "flats", "flat_field", "flatfield", "white_field"),
     "dark": ("dark", "darks", "dark_frame", "dark_field", "darkfield", "black", "background", "bias"),
 }

@@ -87,7 +87,14 @@ def with_commands(text: object) -> Markup:
     parts = fit(text).split("`")
     if len(parts) % 2 == 0:
         return escape(fit(text))
-    return Markup().join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
+    return Markup().join(_command(part) if i % 2 else part for i, part in enumerate(parts))
+
+
+def _command(text: str) -> Markup:
+    """Set a command as code, in which no line ends after the hyphens of an option."""
+    option = Markup('<span class="whole">{}</span>')
+    words = [option.format(word) if word.startswith("-") else word for word in text.split(" ")]
+    return Markup("<code>{}</code>").format(Markup(" ").join(words))
 
 
 @cache

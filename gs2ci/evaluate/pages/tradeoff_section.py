@@ -122,7 +122,7 @@ def _table(record: TradeoffRecord) -> Markup:
 
 def _origin(record: TradeoffRecord) -> Markup:
     rows = [
-        ("command", record.command),
+        ("command", record.command or None),
         ("processor", record.machine.processor),
         ("usable cores", record.machine.usable_cores),
         ("gs2ci", record.versions.get("gs2ci")),

@@ -90,7 +90,9 @@ def markdown(found: Tradeoff) -> str:
     """Return the section: the costs in words, then the table with the front in bold."""
     record = record_of(found)
     made = f"{record.machine.processor}, {record.machine.usable_cores} cores, gs2ci {record.versions['gs2ci']}"
-    parts = [f"## What accuracy costs: {record.name}", "", *record.sentences, "", f"`{record.command}`; {made}.", ""]
+    # From Python there is no command.
+    how = f"`{record.command}`; {made}" if record.command else made
+    parts = [f"## What accuracy costs: {record.name}", "", *record.sentences, "", f"{how}.", ""]
     parts += ["| " + " | ".join(HEADINGS) + " |", "|---|" + "---:|" * (len(HEADINGS) - 1)]
     for trial in record.trials:
         name = f"**{trial.trial}**" if trial.unbeaten else trial.trial

@@ -196,11 +196,13 @@ class Race:
             begun = [one for one in field if one.run.iterations or one.number == 0]
             self._leave([one for one in field if one not in begun], RaceOutcome.NOT_NEEDED)
             field = begun
-        if all(one.run.has_ended for one in field):
+        going = [one for one in field if not one.run.has_ended]
+        if not going:
             return tuple(field)
-        sound = self.fits.advance(field, share)
-        self._leave([one for one in field if one not in sound], RaceOutcome.FAILED)
-        return sound
+        sound = self.fits.advance(going, share)
+        failed = [one for one in going if one not in sound]
+        self._leave(failed, RaceOutcome.FAILED)
+        return tuple(one for one in field if one not in failed)
 
     def _try(self, share: float, entrant: Entrant) -> None:
         """Continue a fit that need not succeed."""

@@ -7,7 +7,8 @@ pictures; freeing a sequence that is shown is refused) and published code (44 us
 - allocating a device sets it to its defaults; another program's allocation is ALP_NOT_READY until it is freed;
 - picture data are one byte per mirror, of which binary pictures take the highest bit (ALP_DATA_MSB_ALIGN, the default);
 - ALP_BIN_NORMAL has a dark phase after each picture, ALP_BIN_UNINTERRUPTED none, and the illumination time is then that
-  of the picture; timing set before the mode is changed becomes invalid;
+  of the picture; the mode becomes active with the next AlpSeqTiming (ViALUX's sample: "set up timing, also activating
+  the ALP_BITNUM and ALP_BIN_MODE setting"), until then limits are those of before;
 - a start while a sequence is shown is queued and follows without a gap, one at most;
 - a gated synch output pulses for the pictures whose entry is 1, and repeats after its period; the count begins at
   each start.
@@ -45,6 +46,8 @@ class _Pictures:
 
     levels: U8
     uninterrupted: bool = False
+    asked: bool = False
+    """Whether it was asked to be uninterrupted from the next times on."""
     illuminate_us: int = 0
     picture_us: int = 33_334
     pulse_us: int = 0
@@ -243,7 +246,7 @@ class AlpTwin(Plugged["_Session"]):
         ident, kind, value = numbers
         one = self._sequence(ident)
         if kind == 2104 and value in (2105, 2106):
-            one.uninterrupted = value == 2106
+            one.asked = value == 2106
         elif kind == 2100 and value >= 1:
             one.repeats = value
         elif kind == 2110 and value in (0, 1):
@@ -268,6 +271,7 @@ class AlpTwin(Plugged["_Session"]):
     def _seq_timing(self, numbers: list[int], data: bytes) -> int:
         ident, illuminate_us, picture_us, delay_us, pulse_us, _ = numbers
         one = self._sequence(ident)
+        one.uninterrupted = one.asked
         if picture_us == 0:
             picture_us = illuminate_us + (0 if one.uninterrupted else DARK_US) if illuminate_us else 33_334
         longest_us = picture_us - (0 if one.uninterrupted else DARK_US)

@@ -2,7 +2,10 @@
 
 Here: the state machine off → standby or normal; video, flash, video-pattern or on-the-fly; empty → table → configured →
 loading → ready → running ⇄ paused. Not here: reports (`dlpc900`), image codings (`dlpc900_images`), time
-(`dlpc900_sequencer`). The numbers are those of the programmer's guide, entered independently of the driver.
+(`dlpc900_sequencer`). The numbers are those of the programmer's guide, entered independently of the driver; those of
+the least exposures (0x1A42) and the least LED pulse (0x1A43, in 0.01 us) are TI's host library's (RhojAnn/DLPC900_CLI
+e19b3c7, lib/API.c: LCR_GetMinPatExposure, LCR_SetMinLEDPulseWidth). By how much a pulse lengthens them is assumed: each
+bit plane is on for one at least.
 """
 
 from collections.abc import Callable
@@ -83,6 +86,7 @@ class Firmware:
             0x1A0A: self._read_hardware_status,
             0x1A0B: lambda: b"\x01",
             0x1A0C: self._read_main_status,
+            0x1A42: self._read_least_exposures,
         }
         self._writes: dict[int, Callable[[bytes], None]] = {
             0x0200: self._write_power,
@@ -101,6 +105,7 @@ class Firmware:
             0x1A35: self._write_trigger_in_1,
             0x1A36: lambda data: _require(len(data) == 1, 6),
             0x1A40: self._write_blocks,
+            0x1A43: lambda data: _require(len(data) == 4, 6),
         }
         self.lamp: Lamp = "switched"
         self.reset()
@@ -134,6 +139,7 @@ class Firmware:
             0x1A36: b"\0",
             # Start block and number of blocks (DLPU018, table 2-101); after a reset all of them.
             0x1A40: bytes([0, self.mirrors.blocks]),
+            0x1A43: bytes(4),
         }
 
     def note_error(self, code: int) -> None:
@@ -238,9 +244,14 @@ class Firmware:
 
     def _shortest_us(self, depth: int) -> int:
         _, blocks = self._settings[0x1A40]
+        pulses_us = ((1 << depth) - 1) * int.from_bytes(self._settings[0x1A43], "little") // 100
         if depth == 1 and blocks < self.mirrors.blocks:
-            return self.mirrors.block_us[blocks - 1]
-        return self.mirrors.shortest_us[depth - 1]
+            return max(self.mirrors.block_us[blocks - 1], pulses_us)
+        return max(self.mirrors.shortest_us[depth - 1], pulses_us)
+
+    def _read_least_exposures(self) -> bytes:
+        times_us = [min(self._shortest_us(depth), 0xFFFF) for depth in range(1, 9)]
+        return b"".join(time_us.to_bytes(2, "little") for time_us in times_us) + bytes(16)
 
     def _write_entry(self, data: bytes) -> None:
         _require(len(data) == 12, 6)

@@ -32,6 +32,8 @@ COMMAND_NAMES: Final[dict[int, str]] = {
     0x1A35: "trigger in 1",
     0x1A36: "trigger in 2",
     0x1A40: "block load",
+    0x1A42: "least exposures",
+    0x1A43: "least LED pulse",
 }
 ERROR_TEXT: Final = {
     0: "No Error",

@@ -34,6 +34,7 @@ LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
 FRAME: Final = "FrameStart"
+TRIGGERS: Final = (FRAME, "AcquisitionStart", "FrameBurstStart", "ExposureStart")
 FIXED_LIMIT_HZ = 1111.0
 CALLS_KEPT = 10_000
 BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
@@ -202,9 +203,16 @@ class GenicamTwin:
         return self.nodes.read(name)
 
     def write(self, name: str, value: FeatureValue) -> None:
-        """Write a feature."""
+        """Write a feature.
+
+        Raises:
+            TypeError: A float for an integer, as by EMVA's bindings (genicam 1.6.0, IInteger).
+        """
         self._alive(f"write {name}")
         self._refuse(name)
+        found = self.nodes.describe(name)
+        if found is not None and found.kind == "integer" and isinstance(value, float):
+            raise TypeError(f"{name} = {value!r} is no integer")
         self.nodes.write(name, value)
 
     def execute(self, name: str) -> None:
@@ -222,7 +230,7 @@ class GenicamTwin:
         self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take("genicam.never_ready") is not None
-        others = ("AcquisitionStart", "FrameBurstStart") if "TriggerSelector" in self.nodes else ()
+        others = [name for name in TRIGGERS if name != FRAME] if "TriggerSelector" in self.nodes else []
         if any(self.nodes.of("TriggerMode", other) == "On" for other in others):
             return buffers  # the camera waits for another kind of trigger, which is never sent
         if self.nodes.of("TriggerMode", FRAME) == "Off":
@@ -355,7 +363,6 @@ class GenicamTwin:
 
     def _make_nodes(self) -> dict[str, Node]:
         model = self.model
-        triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
         inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
         return {
             **self._sizes(),
@@ -366,7 +373,7 @@ class GenicamTwin:
                 "enumeration", "FrameTriggerWait", symbols=("FrameTriggerWait", "ExposureActive")
             ),
             "AcquisitionStatus": Node("boolean", False, fixed=True, read=self._ready),
-            "TriggerSelector": Node("enumeration", "FrameStart", symbols=triggers),
+            "TriggerSelector": Node("enumeration", FRAME, symbols=TRIGGERS),
             "TriggerMode": Node("enumeration", "Off", symbols=("Off", "On"), selector="TriggerSelector"),
             "TriggerSource": Node("enumeration", "Software", symbols=inputs, selector="TriggerSelector"),
             "TriggerActivation": Node(

@@ -107,7 +107,7 @@ class _Axis:
         self.begun_s = float("-inf")
         self.direction = 0
         self.homing = False
-        self.error = False
+        self.error = 0
 
     def reset_settings(self) -> None:
         self.speed = round(self.built.speed_mm_s * self.built.speed_unit)
@@ -127,7 +127,7 @@ class _Axis:
         position_mm = self.motion.position_at(now_s)
         word |= 0x1 if position_mm >= self.built.travel_mm else 0
         word |= 0x2 if position_mm <= 0 and not self.homed else 0
-        return word | _FLAG_SETTLED | (_FLAG_ERROR if self.error else 0)
+        return word | _FLAG_SETTLED | self.error
 
 
 class KinesisTwin(SerialTwin):
@@ -185,7 +185,7 @@ class KinesisTwin(SerialTwin):
         self._ends_told, self._updates_left = True, 0
         for axis in self._axes.values():
             axis.motion.halt(now_s)
-            axis.homed = axis.homing = axis.error = False
+            axis.homed, axis.homing, axis.error = False, False, 0
             axis.offset = 0
             axis.offset = -axis.counts(now_s)
             axis.reset_settings()
@@ -259,7 +259,7 @@ class KinesisTwin(SerialTwin):
         if not axis.enabled:
             return
         now_s = self.clock.now_s()
-        axis.homed, axis.homing, axis.error = False, True, False
+        axis.homed, axis.homing, axis.error = False, True, 0
         ends_s = self._begin(axis, 0.0, axis.speed / axis.built.speed_unit * HOMING_SHARE, now_s)
 
         def arrive() -> None:
@@ -274,7 +274,7 @@ class KinesisTwin(SerialTwin):
             return
         now_s, built = self.clock.now_s(), axis.built
         self._moved = True
-        axis.error, axis.homing = False, False
+        axis.error, axis.homing = 0, False
         here_mm = axis.motion.position_at(now_s)
         target_mm = min(max((counts - axis.offset) / built.counts_per_mm, 0.0), built.travel_mm)
         beside = self.faults.take("kinesis.beside")
@@ -309,7 +309,7 @@ class KinesisTwin(SerialTwin):
 
     def _schedule_faults(self, axis: _Axis, now_s: float, ends_s: float) -> None:
         stall, wheel = self.faults.take("kinesis.stall"), self.faults.take("kinesis.wheel")
-        cut = self.faults.take("kinesis.power_cycle")
+        cut, fault = self.faults.take("kinesis.power_cycle"), self.faults.take("kinesis.status_bit")
         at_s = now_s + (ends_s - now_s) * ((stall.value if stall else 0.0) or 0.5)
 
         def strike() -> None:
@@ -317,9 +317,9 @@ class KinesisTwin(SerialTwin):
                 self.power_cycle()
                 return
             axis.motion.halt(self.clock.now_s())
-            axis.error = stall is not None
+            axis.error = int(fault.value) if fault else _FLAG_ERROR if stall else 0
 
-        if stall or wheel or cut:
+        if stall or wheel or cut or fault:
             self.clock.at(at_s, strike)
 
     def _stop(self, address: int, axis: _Axis, *, at_once: bool) -> None:

@@ -264,11 +264,15 @@ class CaptureDevice:
         _, pad, width, height, bus = struct.unpack_from("<IIIII", argument, 0)
         if pad != 0:
             raise OSError(EINVAL, "pad")
-        offered = [code for code, names in BUS_CODES.items() if set(names) & set(self._model.formats)]
+        offered = self._bus_codes()
         self._bus_size = self.region[2:] if self._model.crops else self._nearest(height, width)
         self._controls.frame_size(*self._bus_size)
         bus = bus if bus in offered else offered[0]
         struct.pack_into("<III", argument, 8, self._bus_size[1], self._bus_size[0], bus)
+
+    def _bus_codes(self) -> list[int]:
+        """Return the sensor's bus formats, its default first."""
+        return [code for code, names in BUS_CODES.items() if set(names) & set(self._model.formats)]
 
     # ---- buffers and streaming
 

@@ -46,6 +46,34 @@ def test_masks_of_another_measurement_are_doubted(scene, take, said):
     assert not said(imported, "pixels that no mask opens read")
 
 
+def test_a_video_without_its_measurement_is_not_taken_for_one(take):
+    """Benchmarks hold true views under names of their own, beside the masks or alone."""
+    rng = np.random.default_rng(3)
+    masks = rng.random((8, 60, 64)) < 0.5
+    row, column = np.mgrid[:60, :64]
+    views = np.stack([128 + 100 * np.sin(0.2 * row + 0.3 * column + 0.1 * t) for t in range(16)])
+    with pytest.raises(
+        InputError, match=r"'patch_save': has no known name, and shows no trace of the masks.*--meas-key"
+    ):
+        take(patch_save=views, mask=masks)
+    assert len(take(ImportOptions(meas_key="patch_save"), patch_save=views, mask=masks).shots) == 16
+
+
+def test_true_views_with_red_and_blue_exchanged_are_refused(scene, take):
+    """OpenCV reads them so; without the mosaic's name its greens would fit, and red would become blue."""
+    made = scene(n=6, height=40, width=48)
+    coded = np.einsum("nhw,nhwc->hwc", made.masks, made.views / 255.0)
+    with pytest.raises(InputError, match="red and blue exchanged"):
+        take(meas=coded, masks=made.masks, orig=made.views[..., ::-1])
+    raw = mosaic(coded, "RGGB")[..., 0]
+    given = {"meas_bayer": raw, "mask_bayer": made.masks, "Bayer_mode": "rggb"}
+    shot = take(**given, orig=made.views).shots[0]
+    assert shot.cfa == "RGGB"
+    assert np.allclose(shot.measurement[..., 0], raw, rtol=1e-5)
+    with pytest.raises(InputError, match="red and blue exchanged"):
+        take(**given, orig=made.views[..., ::-1])
+
+
 def test_a_lamp_that_outshines_the_scene_does_not_hide_the_pattern_of_the_masks(scene, take, said):
     made = scene(n=8, height=60, width=60)
     views = 0.1 * made.views / 255.0

@@ -120,15 +120,36 @@ def own(scene):
 def test_exposures_with_masks_of_their_own_are_as_many_shots(own, take, said, last):
     """F11: [3, 8, H, W] did not belong together."""
     meas, masks, views = own
-    given = {"meas": meas, "masks": masks}
+    given = {"meas": meas, "masks": masks, "truth": views.reshape(24, 64, 72)}
     if last:
-        given = {"meas": np.moveaxis(meas, 0, 2), "masks": masks.transpose(2, 3, 1, 0)}
-    imported = take(ImportOptions(scale=255.0), **given, truth=views.reshape(24, 64, 72))
+        given = {name: np.moveaxis(given[name], 0, -1) for name in ("meas", "truth")}
+        given["masks"] = masks.transpose(2, 3, 1, 0)
+    imported = take(ImportOptions(scale=255.0), **given)
     assert said(imported, "3 exposures, each with masks of its own")
     assert said(imported, "exposure 2: truth: explains the measurement")
-    for shot, own_masks, one in zip(imported.shots, masks, meas, strict=True):
+    for shot, own_masks, one, true in zip(imported.shots, masks, meas, views, strict=True):
         assert np.array_equal(shot.masks, own_masks)
         assert np.allclose(shot.measurement[..., 0] * 255, one, rtol=1e-5)
+        assert np.allclose(shot.truth.views[..., 0] * 255, true, rtol=1e-5)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_poses_and_weights_of_a_file_go_to_the_exposures_that_they_belong_to(own, take, flat):
+    meas, masks, _ = own
+    poses = np.tile(np.eye(4), (3, 8, 1, 1))
+    poses[..., 0, 3] = np.arange(24.0).reshape(3, 8)
+    weights = np.linspace(0.5, 1, 24).reshape(3, 8)
+    given = {"world_to_camera": poses, "telemetry_world_to_camera": -poses + 2 * np.eye(4), "weights": weights}
+    if flat:
+        given = {name: value.reshape(24, *value.shape[2:]) for name, value in given.items()}
+    shots = take(ImportOptions(scale=255.0), meas=meas, masks=masks, **given).shots
+    for k, shot in enumerate(shots):
+        assert np.array_equal(shot.truth.world_to_camera, poses[k])
+        assert np.array_equal(shot.telemetry_world_to_camera[:, 0, 3], -poses[k, :, 0, 3])
+        assert np.allclose(shot.weights, weights[k])
+    alike = take(ImportOptions(scale=255.0), meas=meas, masks=masks, world_to_camera=poses[0], weights=weights[0]).shots
+    assert all(np.array_equal(shot.truth.world_to_camera, poses[0]) for shot in alike)
+    assert all(np.allclose(shot.weights, weights[0]) for shot in alike)
 
 
 def test_masks_that_are_stored_for_each_exposure_but_alike_are_shared(own, take):

@@ -11,7 +11,7 @@ enum { OK = 0, NOT_ONLINE = 1001, NOT_AVAILABLE = 1003, NOT_READY = 1004, INVALI
        REMOVED = 1012 };
 
 struct sequence {
-  int used, count, uninterrupted, repeats;
+  int used, count, asked, uninterrupted, repeats;
   int32_t illuminate, picture, delay, pulse;
   uint8_t *data;
 };
@@ -98,7 +98,7 @@ int32_t AlpSeqAlloc(uint32_t device, int32_t bits, int32_t count, uint32_t *id) 
   if (stored() + count > MEMORY) return FULL;
   for (int i = 0; i < SEQUENCES; i++)
     if (!sequences[i].used) {
-      struct sequence made = {1, count, 0, 1, 0, 33334, 0, 0, calloc(count, HEIGHT * WIDTH)};
+      struct sequence made = {1, count, 0, 0, 1, 0, 33334, 0, 0, calloc(count, HEIGHT * WIDTH)};
       sequences[i] = made;
       *id = i + 1;
       return OK;
@@ -118,7 +118,7 @@ int32_t AlpSeqControl(uint32_t device, int32_t id, int32_t kind, int32_t value) 
   int32_t code = checked(device);
   if (code) return code;
   if (!of(id)) return NOT_AVAILABLE;
-  if (kind == 2104) of(id)->uninterrupted = value == 2106;
+  if (kind == 2104) of(id)->asked = value == 2106;
   else if (kind == 2100 && value > 0) of(id)->repeats = value;
   else if (kind != 2110 || value) return INVALID;
   return OK;
@@ -141,6 +141,8 @@ int32_t AlpSeqTiming(uint32_t device, int32_t id, int32_t illuminate, int32_t pi
   if (code) return code;
   struct sequence *s = of(id);
   if (!s) return NOT_AVAILABLE;
+  s->uninterrupted = s->asked; /* active with the times, as in the maker's sample */
+  if (!picture) picture = 33334;
   if (picture < (s->uninterrupted ? 44 : 88) || illuminate > picture - (s->uninterrupted ? 0 : 44) || trigger_delay)
     return INVALID;
   s->illuminate = illuminate; s->picture = picture; s->delay = delay; s->pulse = pulse;

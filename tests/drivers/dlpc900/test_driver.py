@@ -254,6 +254,22 @@ def test_fewer_mirror_blocks_allow_shorter_masks(blocks: Bench) -> None:
     assert_shown(blocks.run(PatternSequence(masks, 1, 45e-6)), masks)
 
 
+@pytest.mark.parametrize(("dmd", "short_us"), [(1, (200, 600)), (5, (200, 600))])
+def test_a_least_led_pulse_of_another_program_lengthens_the_shortest_masks(dmd: int, short_us: tuple[int, int]) -> None:
+    bench = make_bench(dmd)
+    bench.twin.firmware.write(0x1A43, (200 * 100).to_bytes(4, "little"))
+    shortest_s = bench.modulator.connect().min_exposure_s
+    assert [shortest_s[bits] for bits in (1, 2)] == pytest.approx([us * 1e-6 for us in short_us])
+    assert shortest_s[8] == pytest.approx(255 * 200e-6)
+
+
+def test_a_controller_that_does_not_know_its_least_exposures_is_believed_by_the_table() -> None:
+    bench = make_bench(1)
+    del bench.twin.firmware._reads[0x1A42]
+    assert bench.modulator.connect().min_exposure_s[1] == pytest.approx(105e-6)
+    assert bench.modulator.incidents == []
+
+
 def test_a_range_of_blocks_that_an_earlier_session_left_does_not_dim_the_rest(blocks: Bench) -> None:
     masks = np.zeros((2, 1080, 1920), np.uint8)
     masks[:, 144:360] = 1

@@ -120,7 +120,7 @@ def test_exposure_gain_and_features_are_set_and_automatics_are_off():
     assert any("AcquisitionFrameRate = 12.3456 was requested, 12.346" in text for text in one.sensor.incidents)
 
 
-@pytest.mark.parametrize("tells", ["rate", "limit"])
+@pytest.mark.parametrize("tells", ["rate", "allied", "limit"])
 @pytest.mark.parametrize("mode", list(TriggerMode))
 @pytest.mark.parametrize("exposure_s", [2e-5, 1e-3, 0.02, 0.5, 10.0])
 @pytest.mark.parametrize(("period_s", "readout_s"), [(1 / 60, 1e-3), (1 / 200, 0.03)])
@@ -201,6 +201,18 @@ def test_the_delay_that_is_set_and_the_latency_that_is_known_are_in_the_exposure
     assert frame.t_kernel_ns * 1e-9 == pytest.approx(rise_s + 3.02e-3, abs=2e-4)
 
 
+def test_times_that_are_integers_are_set_to_their_nearest_steps():
+    model = GenicamModel(trigger_line=LINE, whole_us=4)
+    one = bench(model, trigger_delay_s=9.3e-6)
+    one.start(exposure_s=2.0015e-3)
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    exposure = one.world.exposures[-1]
+    assert one.sensor.settings.exposure_s == pytest.approx(2.0e-3)
+    assert exposure.end_s - exposure.start_s == pytest.approx(2.0e-3)
+    assert exposure.start_s == pytest.approx(rise_s + 8e-6, abs=1e-9)
+
+
 def test_a_gated_exposure_lasts_as_long_as_its_line_is_held():
     one = bench(GenicamModel(trigger_line=LINE, exposure_offset_s=1e-4), exposure_offset_s=1e-4)
     one.start(TriggerMode.LEVEL)
@@ -209,9 +221,10 @@ def test_a_gated_exposure_lasts_as_long_as_its_line_is_held():
     assert one.world.exposures[-1].end_s - one.world.exposures[-1].start_s == pytest.approx(7.1e-3)
 
 
-def test_a_trigger_of_another_kind_that_was_left_on_does_not_hold_frames_up():
+@pytest.mark.parametrize("kind", ["FrameBurstStart", "ExposureStart"])
+def test_a_trigger_of_another_kind_that_was_left_on_does_not_hold_frames_up(kind):
     one = bench()
-    one.twin.nodes.write("TriggerSelector", "FrameBurstStart")
+    one.twin.nodes.write("TriggerSelector", kind)
     one.twin.nodes.write("TriggerMode", "On")
     one.start()
     one.pulse()

@@ -385,6 +385,14 @@ def test_motors_that_are_switched_off_between_moves_are_warned_of():
     assert "set $1=255" not in " ".join(warnings({}))
 
 
+@pytest.mark.parametrize("idle_ms", [255, 250])
+def test_motors_that_fluidnc_switches_off_between_moves_are_warned_of(idle_ms):
+    _, _, stage = make(OddMachine(build=replace(FLUIDNC, idle_ms=idle_ms)))
+    stage.connect()
+    told = "the motors are switched off 250 ms after every move: set idle_ms of stepping=255" in stage.status().warnings
+    assert told == (idle_ms == 250)
+
+
 def warnings(settings, axes=("x",), **build):
     _, _, stage = make(OddMachine(settings, build=GrblBuild(**build)), axes)
     stage.connect()
@@ -488,6 +496,49 @@ def test_a_controller_that_waits_for_a_tool_says_so_and_moves_nothing():
     assert stage.status().faults == ("state Tool",)
     with pytest.raises(WrongStateError, match="state Tool"):
         stage.move_to({"x": -97.0})
+
+
+def test_an_emergency_stop_of_grblhal_is_named_and_homed_away_once_it_is_released():
+    clock, twin, stage = make(OddMachine(build=GRBLHAL))
+    stage.connect()
+    stage.begin_move({"x": -90.0})
+    clock.sleep_s(0.5)
+    twin.press_stop()
+    clock.sleep_s(0.1)
+    with pytest.raises(MoveFailedError, match=r"ALARM:10 .*grblHAL: emergency stop"):
+        stage.wait_idle(10.0)
+    stage = opened_again(stage, twin, clock, ("x",))
+    stage.connect()
+    with pytest.raises(RefusedError, match=r"emergency stop.*release the stop") as caught:
+        stage.home()
+    assert caught.value.code == "error:79"
+    twin.release_stop()
+    stage.home()
+    assert stage.move_to({"x": -97.0})["x"] == pytest.approx(-97.0)
+    assert true_mm(twin, clock) == pytest.approx(-97.0)
+
+
+@pytest.mark.parametrize("build", [GRBLHAL, FLUIDNC])
+def test_a_start_without_homing_is_told_in_the_words_of_its_alarm(build):
+    _, twin, stage = make(OddMachine(build=build))
+    stage.connect()
+    stage.close()
+    twin.reboot()
+    stage = opened(twin, stage.clock)
+    stage.connect()
+    assert stage.status().faults[0].startswith(f"ALARM:{build.unhomed} (grblHAL: ")
+    assert not stage.status().referenced
+    stage.home()
+    assert stage.status().faults == ()
+    assert stage.status().referenced
+
+
+def test_a_fluidnc_axis_that_may_not_be_homed_alone_is_homed_with_the_others():
+    clock, twin, stage = make(OddMachine(homed=False, build=replace(FLUIDNC, alone=False)))
+    stage.connect()
+    stage.home()
+    assert true_mm(twin, clock) == pytest.approx(0.0, abs=1e-9)
+    assert true_mm(twin, clock, "z") == pytest.approx(0.0, abs=1e-9)
 
 
 # The twin where the driver was right before

@@ -30,6 +30,12 @@ def test_sub_states_are_told_from_states(text, state, substate):
     assert (status.state, status.substate, status.machine, status.work) == (state, substate, None, (1.0, 2.0, 3.0))
 
 
+def test_grblhals_reports_of_eight_axes_and_of_a_door_that_closes_are_read():
+    status = parse_status("<Door:4|MPos:1.000,2.000,3.000,4.000,5.000,6.000,7.000,8.000|FS:0,0>")
+    assert status.machine == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+    assert status.moving  # Parking_Resuming (grblHAL/core f80fc34, system.h)
+
+
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
@@ -87,5 +93,5 @@ def test_a_jog_longer_than_a_controller_takes_is_refused():
 
 
 def test_alarms_and_errors_of_the_reference_have_words():
-    assert set(range(1, 11)) == set(ALARMS)
+    assert set(range(1, 23)) == set(ALARMS)
     assert {1, 2, 3, 5, 8, 9, 11, 15, 16, 20, 22, 33} <= set(ERRORS)

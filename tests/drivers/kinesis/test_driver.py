@@ -58,16 +58,30 @@ def test_power_that_fails_in_a_move_loses_the_reference_and_is_told():
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"), [("kinesis.stall", "motion error"), ("kinesis.beside", "short"), ("kinesis.wheel", "wheel")]
+    ("fault", "bit", "said", "stays"),
+    [
+        ("kinesis.stall", 0, "motion error", True),
+        ("kinesis.beside", 0, "short", False),
+        ("kinesis.wheel", 0, "wheel", False),
+        ("kinesis.status_bit", 0x4, "software limit", False),
+        ("kinesis.status_bit", 0x8, "software limit", False),
+        ("kinesis.status_bit", 0x20000, "too hot", True),
+        ("kinesis.status_bit", 0x40000, "supply's voltage", True),
+        ("kinesis.status_bit", 0x80000, "commutation", True),
+        ("kinesis.status_bit", 0x2000000, "encoder", True),
+        ("kinesis.status_bit", 0x4000000, "current was too high", True),
+        ("kinesis.status_bit", 0x8000000, "current is drawn", True),
+        ("kinesis.status_bit", 0x10000000, "short", False),  # power is good
+    ],
 )
-def test_a_move_that_ends_elsewhere_is_an_error(fault, said):
+def test_a_move_that_ends_elsewhere_is_an_error(fault, bit, said, stays):
     _, twin, stage = make()
     stage.connect()
-    twin.faults.inject(fault)
+    twin.faults.inject(fault, value=bit)
     with pytest.raises(MoveFailedError, match=said):
         stage.move_to({"x": 30.0})
     assert stage.status().referenced
-    assert bool(stage.status().faults) == (fault == "kinesis.stall")
+    assert bool(stage.status().faults) == stays
 
 
 def test_a_homing_that_finds_nothing_is_an_error():

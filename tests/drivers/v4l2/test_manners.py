@@ -8,6 +8,7 @@ from gs2ci_drivers.failures import (
     DeviceFaultError,
     DriverError,
     FrameLostError,
+    RefusedError,
     UnsupportedError,
 )
 from gs2ci_drivers.sensor import FrameFlag, StampMeaning, TriggerMode
@@ -166,6 +167,26 @@ def test_each_wrong_alignment_names_the_right_one(bench, stated, truth):
     b.fire()
     with pytest.raises(DriverError, match=rf"set alignment = '{truth}' in \[sensor\]"):
         b.sensor.read(0.5)
+
+
+@pytest.mark.parametrize(("code", "bus_code", "bits"), [("Y16 ", 0x200A, 10), ("RG16", 0x3012, 12)])
+@pytest.mark.parametrize("driver", ["rp1-cfe", "other"])
+def test_what_a_raspberry_pi_5_widens_to_sixteen_bits_is_read_as_the_sensor_sends_it(
+    bench, code, bus_code, bits, driver
+):
+    model = {"on_subdevice": True, "bus_code": bus_code, "significant_bits": bits, "driver": driver}
+    b = bench(options(subdevice="/dev/v4l-subdev0"), formats=(code,), left_aligned=driver == "rp1-cfe", **model)
+    b.begin(fourcc=code.strip())
+    b.fire()
+    height, width = (pixels := b.sensor.read(0.5).pixels).shape
+    np.testing.assert_array_equal(pixels, np.arange(height * width).reshape(height, width) % 2**bits)
+    assert b.sensor.settings.format.bits == bits
+
+
+def test_a_sensor_of_another_mosaic_is_refused_whatever_is_widened(bench):
+    b = bench(options(subdevice="/dev/v4l-subdev0"), formats=("Y16 ",), on_subdevice=True, bus_code=0x3012)
+    with pytest.raises(RefusedError, match="settled on another bus format"):
+        b.begin()
 
 
 def test_bits_that_fit_no_alignment_send_nobody_in_circles(bench):

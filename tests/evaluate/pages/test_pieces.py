@@ -77,7 +77,10 @@ def test_parts_of_a_whole_are_named_and_counted():
 def test_commands_in_sentences_are_set_as_code_and_all_else_is_escaped():
     step = NextStep("Give it <more> time: `gs2ci decode --budget 5min & on`.", "It ran `once`, and one ` is alone.")
     shown = str(pieces.steps([step], title="Next", empty="")) + str(pieces.sentences(["Say `a<b`."], empty=""))
-    assert "Give it &lt;more&gt; time: <code>gs2ci decode --budget 5min &amp; on</code>." in shown
+    assert (
+        'Give it &lt;more&gt; time: <code>gs2ci decode <span class="whole">--budget</span> 5min &amp; on</code>.'
+        in shown
+    )
     assert "It ran `once`, and one ` is alone." in shown
     assert "Say <code>a&lt;b</code>." in shown
 

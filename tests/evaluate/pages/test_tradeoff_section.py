@@ -24,6 +24,8 @@ def test_it_says_draws_and_lists_every_trial(tradeoff_record):
     assert ">100 iterations<" in body
     assert "gs2ci tradeoff shot.h5" in body
     assert "PSNR, dB" in body
+    assert ">command<" in body
+    assert ">command<" not in str(tradeoff_section(replace(tradeoff_record, command="")).body)
 
 
 def test_the_front_is_a_staircase_through_its_trials(tradeoff_record):

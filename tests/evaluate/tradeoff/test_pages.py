@@ -1,5 +1,7 @@
 import csv
 import io
+import re
+from dataclasses import replace
 
 import pytest
 
@@ -31,7 +33,13 @@ def test_the_section_says_prices_failures_and_omissions_and_marks_the_front():
     assert "paper was left out: it would take about 2 h 00 min." in text
     assert "| **standard** | 60.0 | 31.00 | 0.9000 | – | 20.00 | 5 | 7 |" in text
     assert "| 100 iterations | 70.0 |" in text
-    assert "`gs2ci tradeoff shot.h5`" in text
+    assert "`gs2ci tradeoff shot.h5`; " in text
+
+
+def test_a_trade_off_from_python_names_no_command():
+    text = markdown(replace(FOUND, command=""))
+    assert "`" not in text
+    assert re.search(r"^[^;]+, \d+ cores, gs2ci \S+\.$", text, re.MULTILINE)
 
 
 def test_the_csv_has_a_line_for_each_trial_failed_ones_included():
