@@ -334,8 +334,7 @@ class _Recorder:
             self._writer.event("failed", error=type(error).__name__, message=str(error), notes=notes)
 
     def take(self, taken: Taken) -> None:
-        """Write one shot."""
-        self._log.note("shot", index=taken.index, attempts=taken.attempts, incidents=list(taken.incidents))
+        """Write one shot, and only then the log's line that it was taken."""
         for incident in taken.incidents:
             self._writer.event("incident", shot=taken.index, message=incident)
         for i, frame in enumerate(taken.frames):
@@ -347,6 +346,7 @@ class _Recorder:
                 saturated=self._unusable,
                 provenance=self._provenance(taken, i, frame),
             )
+        self._log.note("shot", index=taken.index, attempts=taken.attempts, incidents=list(taken.incidents))
 
     def _row(self, taken: Taken, i: int, frame: Frame) -> FrameRow:
         return FrameRow(

@@ -10,6 +10,7 @@ import gs2ci
 from gs2ci import cli
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import read_shot
+from gs2ci.core.storage.writer import ShotWriter
 from gs2ci.reconstruct.fit.scene.mask_moments import stated_within_mask
 from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.zaber.driver import ZaberStage
@@ -89,6 +90,25 @@ def test_it_says_who_when_on_what_how_warm_and_what_happened(tmp_path, monkeypat
     assert provenance["metadata"]["operator"] == "A. Name"
     assert provenance["taken_at"].endswith("+00:00")
     assert stated_within_mask(read_shot(shot)) == "moving"
+
+
+def test_the_log_reports_no_shot_before_its_row_is_whole(tmp_path, monkeypatch):
+    """A capture killed in between had one shot fewer in its file than in its log."""
+    order = []
+    append, note = ShotWriter.append, SessionLog.note
+
+    def appending(writer, *row, **more):
+        append(writer, *row, **more)
+        order.append("row")
+
+    def noting(log, event, **more):
+        order.extend([event] * (event == "shot"))
+        note(log, event, **more)
+
+    monkeypatch.setattr(ShotWriter, "append", appending)
+    monkeypatch.setattr(SessionLog, "note", noting)
+    assert captured(tmp_path, monkeypatch)[0] == 0
+    assert order == ["row", "shot"] * 2
 
 
 def test_at_debug_every_command_and_answer_is_in_it_from_the_first_on(tmp_path, monkeypatch):

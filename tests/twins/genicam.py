@@ -33,8 +33,9 @@ class GenicamModel(genicam.GenicamModel):
         stamped: Whether its clock can be latched.
         chunks: Whether it appends chunks.
         tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
-            the exposure set, ResultingFrameRate (Basler); "limit": from the limit of AcquisitionFrameRate, which
-            follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
+            the exposure set, ResultingFrameRate (Basler), "allied": AcquisitionFrameRateLimit (Allied Vision); "limit":
+            from the limit of AcquisitionFrameRate, which follows the exposure; "nothing": that is a fixed number
+            (mvBlueFOX3).
         least_delay_us: Least TriggerDelay: 9 on a Blackfly S (blackfly_s.yaml of flir_camera_driver, "value >= 9").
         locks_triggers: Whether what a trigger is cannot be set while TriggerMode is On (Spinnaker's example Trigger:
             "The trigger must be disabled in order to configure" its source).
@@ -66,7 +67,7 @@ class GenicamModel(genicam.GenicamModel):
     gated: bool = True
     stamped: bool = True
     chunks: bool = True
-    tells: Literal["time", "rate", "limit", "nothing"] = "time"
+    tells: Literal["time", "rate", "allied", "limit", "nothing"] = "time"
     least_delay_us: float = 0.0
     locks_triggers: bool = False
     has_activation: bool = True
@@ -257,8 +258,9 @@ class GenicamTwin(genicam.GenicamTwin):
         model = self.model
         if model.tells != "time":
             del nodes["SensorReadoutTime"]
-        if model.tells == "rate":
-            nodes["ResultingFrameRate"] = Node("float", fixed=True, read=self._highest_rate_hz)
+        if model.tells in ("rate", "allied"):
+            name = "ResultingFrameRate" if model.tells == "rate" else "AcquisitionFrameRateLimit"
+            nodes[name] = Node("float", fixed=True, read=self._highest_rate_hz)
         if model.tells == "limit":
             nodes["AcquisitionFrameRate"].high = self._highest_rate_hz
         if not model.stamped:

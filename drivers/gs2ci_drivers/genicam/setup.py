@@ -29,9 +29,11 @@ RATES: Final = (
     "ResultingFrameRateAbs",
     "BslResultingAcquisitionFrameRate",
     "AcquisitionResultingFrameRate",
+    "AcquisitionFrameRateLimit",
 )
 """The highest frame rate with the present settings, in Hz, by makers' own features: Basler's (manual: "Resulting
-Acquisition Frame Rate"; its reciprocal is the shortest period of triggers) and FLIR's."""
+Acquisition Frame Rate"; its reciprocal is the shortest period of triggers), FLIR's and Allied Vision's (GigE Camera and
+Drivers Features 3.0.0: "the maximum frame rate possible for the current exposure duration and image format")."""
 
 
 def describe_camera(features: Features, identity: CameraIdentity, options: GenicamOptions) -> SensorInfo:

@@ -41,7 +41,7 @@ def errors_of_depths(
             that it shifts all depths.
     """
     depth = seen.depth
-    device, most = work_place(), factors.most_of_jump
+    device = work_place()
     middle, found, missing = middle_depth(seen), np.zeros_like(depth), _missing_relief(depth[depth > 0])
     cameras = seen.world_to_camera if others is None else np.concatenate([seen.world_to_camera, others])
     per_rad = float(seen.focal_px.mean()) * len(cameras) ** 0.5
@@ -53,15 +53,19 @@ def errors_of_depths(
         ahead = torch.where(known_there, own, 1)
         points = (rays[0] * ahead, rays[1] * ahead, ahead)
         moved = movement(cameras, seen.focal_px, view, points, None if others is None else sides)
-        jump = torch.hypot(*slopes(torch.where(known_there, own, torch.nan).log())).nan_to_num(nan=most).clamp(max=most)
         # The travel that the turn stands for moves a point as its inverse depth says, the turn as the middle one's. The
         # more of a point's movement may be turn, the less the relief that was found is that of the scene.
         by_turn = (turn * per_rad / moved).clamp(max=1) * (middle / ahead - 1).square().add(missing**2).sqrt()
-        by_edge = factors.depth_by_jump * jump
         by_stated = stated * per_rad / moved
-        relative = ((place_px / moved) ** 2 + by_edge**2 + by_turn**2 + by_stated**2).sqrt()
+        relative = ((place_px / moved) ** 2 + _by_edge(own) ** 2 + by_turn**2 + by_stated**2).sqrt()
         found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
+
+
+def _by_edge(depth: Tensor) -> Tensor:
+    """Return the relative error of depths, [H, W], where near and far meet."""
+    jump = torch.hypot(*slopes(torch.where(depth > 0, depth, torch.nan).log()))
+    return factors.depth_by_jump * jump.nan_to_num(nan=factors.most_of_jump).clamp(max=factors.most_of_jump)
 
 
 def _missing_relief(known: F32) -> float:
@@ -74,10 +78,11 @@ def _missing_relief(known: F32) -> float:
 
 
 def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) -> float:
-    """Return by how much depths put tracked points beside where they were followed to, through all views, px.
+    """Return the error of places, px, by how depths put tracked points beside where they were followed to in all views.
 
     Where a fit leaves the depth of small or faint things at that of their surroundings, readings hardly show it, and
-    tracks do. What all depths have in common is no error of a place, but scale.
+    tracks do. What all depths have in common is no error of a place, but scale; what an edge of depth puts beside is
+    stated as such. Depths and tracks both err, and what two estimates differ by is √2 times the error of one.
 
     Args:
         seen: Depths and poses.
@@ -85,8 +90,8 @@ def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) ->
         followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None: there are none.
 
     Returns:
-        The error within which 68 % of them lie: of a place's movement as depth grows, the root of the sum of squares
-        over the views, as `movement`. `factors.untracked_px` if no point tells.
+        The error by which, with that of edges, 68 % of them are explained: of a place's movement as depth grows, the
+        root of the sum of squares over the views, as `movement`. `factors.untracked_px` if no point tells.
     """
     if followed is None:
         return factors.untracked_px
@@ -105,9 +110,12 @@ def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) ->
     tells = moved > 0
     if not tells.any():
         return factors.untracked_px
-    beside = (off * steps).sum(axis=(1, 2))[tells] / moved[tells]
-    common = beside @ moved[tells] / (moved @ moved)
-    return float(np.quantile(np.abs(beside - common * moved[tells]), _WITHIN_ONE))
+    edges = _by_edge(torch.from_numpy(seen.depth[reference])).numpy().reshape(-1)[at][tells]
+    moved = moved[tells]
+    beside = (off * steps).sum(axis=(1, 2))[tells] / moved
+    common = beside @ moved / (moved @ moved)
+    rest = (beside - common * moved) ** 2 - (edges * moved) ** 2
+    return float(np.sqrt(np.quantile(rest.clip(min=0), _WITHIN_ONE) / 2))
 
 
 def movement(

@@ -43,9 +43,9 @@ class Factors:
             the roll about a straight path. A turn of 1 rad counts as an error of a position by this share of the path.
         turn_prior: No camera turns by more than about so many radians against what is known beforehand.
         unseen_px: A turn in step with the travel and a shift of all inverse depths leave the picture as it is
-            (bas-relief), but for what a turn does beyond moving the picture as a whole. Readings do not see a turn of
-            which this is less than so many px, in the mean over the picture and the path: the narrower the field of
-            view, the larger the turn.
+            (bas-relief), but for what a turn does beyond moving the picture as a whole. So many px, in the mean over
+            the path, are what a single pixel tells of this, and all of them together by the root of their number less:
+            the narrower the field of view, and the fewer the pixels, the larger the turn that readings do not see.
         out_of_step: So much of it is not in step with the travel, and takes the place of travel view by view.
         place_px: The error of points' places through all views, px, at best: a point that moves little through them, as
             one far down a corridor, has an uncertain depth.
@@ -73,7 +73,7 @@ class Factors:
     turn: float = 3.84
     turn_counts: float = 0.02
     turn_prior: float = 0.1
-    unseen_px: float = 0.055
+    unseen_px: float = 4.6
     out_of_step: float = 0.1
     place_px: float = 0.25
     untracked_px: float = 1.0

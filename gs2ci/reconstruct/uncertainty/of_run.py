@@ -70,6 +70,4 @@ def _path(geometry: Geometry, ensemble: Ensemble, others: F64 | None, places: F6
         turns.append(float(np.mean([squared_turn(one, poses) for one in found])))
         apart = [squared_distance(camera_centres(one), camera_centres(poses)) for one in found]
         spread = float(np.sqrt(np.mean(apart)))
-    elif geometry.path_errors is not None:
-        turns.append(geometry.path_errors.turn**2)
     return PathKnown(geometry.reference, max(turns) ** 0.5, given, others, geometry.followed, places, spread)

@@ -20,7 +20,8 @@ _LEAST: Final = 1e-30
 def unseen_turn(rays: F32, focal_px: F64, given: float | None = None) -> float:
     """Return the standard error of a turn in step with the travel, whose place travel may take, rad.
 
-    In the mean over the path.
+    In the mean over the path: a regression on what all pixels show of it, so that it falls with the root of their
+    number.
 
     Args:
         rays: Of the pixels, at z = 1, [H, W, 2].
@@ -29,7 +30,7 @@ def unseen_turn(rays: F32, focal_px: F64, given: float | None = None) -> float:
     """
     x, y = np.moveaxis(rays.astype(np.float64), -1, 0)
     # A turn of 1 rad about the y axis moves the picture by 1 + x² and x y focal lengths, one about x by x y and 1 + y².
-    beyond_shift = np.sqrt((np.var(x * x) + np.var(y * y)) / 2 + np.var(x * y))
+    beyond_shift = np.sqrt(x.size * ((np.var(x * x) + np.var(y * y)) / 2 + np.var(x * y)))
     most = factors.turn_prior if given is None else given
     return min(most, factors.unseen_px / max(float(beyond_shift * focal_px.mean()), _LEAST))
 
@@ -51,7 +52,8 @@ def errors_of_poses(
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
         turns: In step with the travel, rad: that readings do not see (`unseen_turn`), common to exposures that share a
-            scene, so that those at the ends turn by more; and that by which fits or halves of the own tracks differ.
+            scene, so that those at the ends turn by more; and that by which fits and the path of the own tracks
+            differ.
         spread: Of the places of several fits, in the unit of the path (root mean square).
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
         everywhere: Places of the cameras of all exposures that share the scene, [K, 3], whose similarity it then is;
@@ -70,14 +72,14 @@ def errors_of_poses(
     length = max(rms_of(own), _LEAST)
     if given:
         return position, np.hypot(rotation, turns[1] * own / length)
-    # Both show the one freedom: fits and halves, where they leave it open more than readings do at best.
+    # Both show the one freedom: fits, where they leave it open more than readings do at best.
     in_step = np.minimum(np.maximum(turns[0] * far, turns[1] * own) / length, np.pi)
     # It bends all paths as one, so that the middle errs no less than the ends.
     bend = min(turns[0] * rms_of(all_far) / length, np.pi)
     place = factors.out_of_step * middle_depth * max(*turns, bend)
     # Each misses something: fits begin with the same tracks, and few of them may agree by chance.
     times = max(factors.position, spread / max(rms_of(position), _LEAST))
-    return np.hypot(times * position, place), np.hypot(factors.turn * rotation, in_step)
+    return np.maximum(times * position, place), np.hypot(factors.turn * rotation, in_step)
 
 
 def _squares(matrix: F64) -> F64:

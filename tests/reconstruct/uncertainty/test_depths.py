@@ -72,16 +72,30 @@ def test_tracks_on_the_depths_found_show_no_error_of_places_at_any_scale(seen):
 
 
 def test_depths_left_at_those_of_their_surroundings_err_by_what_tracks_show(seen):
-    """Half of the points lie at 2 × 1.2 and 3 × 1.2, scattered among the others: the mean is no error, the rest is."""
+    """Half of the points lie at 2 × 1.2 and 3 × 1.2, scattered among the others: the mean is no error, the rest is.
+
+    Tracks may be wrong as well as depths.
+    """
     true = seen.depth.copy()
     true[:, ::2, ::2] *= 1.2
     true[:, 1::2, 1::2] *= 1.2
     found = error_of_places(seen, 3, followed(seen, true))
     poses, points = seen.world_to_camera, torch.tensor([0.0, 0, 2], dtype=torch.float64).unbind()
     moved = float(movement(poses, seen.focal_px, 3, points))
-    assert found == pytest.approx(0.1 * moved, rel=0.4)
+    assert found == pytest.approx(0.1 * moved / np.sqrt(2), rel=0.4)
     noisy = error_of_places(seen, 3, followed(seen, true, noise=0.5))
     assert noisy > found
+
+
+def test_what_an_edge_of_depth_puts_beside_is_not_counted_again(seen):
+    """Each point of one column lies at the depth beyond the edge, which has a standard error of its own."""
+    lean = seen.depth * (1 + 0.15 * (np.arange(seen.depth.shape[2]) % 2)).astype(np.float32)
+    step = replace(seen, depth=lean)
+    true = lean * 1.1
+    true[:, ::2] *= 1.05
+    sharp = error_of_places(step, 3, followed(seen, true))
+    flat = error_of_places(seen, 3, followed(seen, true / lean * seen.depth))
+    assert sharp < flat
 
 
 def test_points_that_few_views_see_or_that_have_no_depth_do_not_tell_of_places(seen):

@@ -49,20 +49,24 @@ def test_a_common_motion_of_all_cameras_is_no_error():
 def test_a_path_that_was_found_errs_by_more_than_gauss_newton_says_and_turns_with_its_travel():
     poses, covariance = bent(), 1e-8 * np.eye(42)
     given, found = (errors_of_poses(covariance, poses, 2.0, (turn, 0.0), given=not turn) for turn in (0.0, 1e-3))
-    assert found[0] == pytest.approx(np.hypot(factors.position * given[0], factors.out_of_step * 2e-3))
+    assert found[0] == pytest.approx(np.maximum(factors.position * given[0], factors.out_of_step * 2e-3))
     assert found[1][0] > found[1][3]
     assert np.square(found[1]).mean() == pytest.approx(np.square(factors.turn * given[1]).mean() + 1e-6)
 
 
-def test_positions_err_by_what_fits_differ_by_where_that_is_more_and_by_the_turn_that_no_reading_shows():
+def test_positions_err_by_what_fits_differ_by_or_by_the_turn_that_no_reading_shows_where_that_is_more():
     poses, covariance = bent(), np.diag(np.linspace(1, 2, 42) * 1e-8)
-    one, alike, several = (
-        errors_of_poses(covariance, poses, 2.0, (1e-3, 0.0), spread=spread, given=False) for spread in (0.0, 1e-6, 0.05)
+    one, alike, several, turned = (
+        errors_of_poses(covariance, poses, 2.0, (turn, 0.0), spread=spread, given=False)
+        for turn, spread in ((1e-3, 0.0), (1e-3, 1e-6), (1e-3, 0.05), (0.25, 0.05))
     )
     assert np.array_equal(alike, one)
-    assert np.square(several[0]).mean() == pytest.approx(0.05**2 + (factors.out_of_step * 2e-3) ** 2)
+    assert np.square(several[0]).mean() == pytest.approx(0.05**2)
     assert np.argmax(several[0]) == np.argmax(one[0])
     assert np.array_equal(several[1], one[1])
+    least = factors.out_of_step * 2.0 * 0.25
+    assert np.array_equal(turned[0], several[0].clip(min=least))
+    assert several[0].min() < least < several[0].max()
 
 
 def test_given_poses_turn_with_the_travel_as_far_as_the_stage_states():
@@ -95,9 +99,10 @@ def test_readings_do_not_see_a_turn_that_displaces_a_picture_hardly_otherwise_th
         )
         flow = 100 * (there[:, :2] / there[:, 2:] - rays.reshape(-1, 2))
         left.append(flow.var(axis=0).sum())
-    assert np.sqrt(np.mean(left)) == pytest.approx(factors.unseen_px, rel=0.02)
-    # In px, four times the turn at twice the focal length.
+    assert np.sqrt(np.mean(left) * 72 * 96) == pytest.approx(factors.unseen_px, rel=0.02)
+    # In px, four times the turn at twice the focal length; half of it with four times the pixels in the same field.
     assert unseen_turn(seen_at(200.0), 2 * FOCAL_PX) == pytest.approx(2 * turn)
+    assert unseen_turn(seen_at(200.0, (144, 192)), 2 * FOCAL_PX) == pytest.approx(turn / 4, rel=1e-3)
 
 
 def test_no_turn_is_larger_than_what_is_known_beforehand_or_given():
