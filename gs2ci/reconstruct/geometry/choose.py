@@ -208,7 +208,7 @@ def _lies_in_its_sign(request: Request) -> bool:
 
 def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
     """Tell whether nothing confirms a path: there is none, or halves of the tracks disagree."""
-    doubts = doubts_about_path(geometry.path_errors, criteria)
+    doubts = doubts_about_path(geometry.path_error_expected, criteria)
     return geometry.verdict == Verdict.UNSUPPORTED or bool(doubts)
 
 

@@ -30,7 +30,7 @@ from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.path.focal import Focal, FocalSettings, default_focal, estimate_focal
-from gs2ci.reconstruct.geometry.path.halves import PathErrors, expected_path_error, times_better_foretold
+from gs2ci.reconstruct.geometry.path.halves import expected_path_error, times_better_foretold
 from gs2ci.reconstruct.geometry.path.motion import (
     CameraMotion,
     MotionSettings,
@@ -108,7 +108,8 @@ class Geometry:
         verdict: "full"; or why depth is only a plane: "rotation_only", "static", "unsupported".
         notes: Findings for the user.
         source: The geometry prior that it comes from.
-        path_errors: Expected errors of the path, from halves of the tracks; None if it was given, or there is none.
+        path_error_expected: Expected error of the path as a share of its extent, from halves of the tracks; None if it
+            was given, or there is none.
         unit: A length of 1 in the unit of the given poses; None if none were given, or they were not used.
         order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
             (`motion.preference`); None without tracks, or if they have no second solution.
@@ -132,7 +133,7 @@ class Geometry:
     verdict: Verdict = Verdict.UNSUPPORTED
     notes: Findings = ()
     source: str = PathSource.TRACKS
-    path_errors: PathErrors | None = None
+    path_error_expected: float | None = None
     unit: float | None = None
     order_errors: float | None = None
     other_order: "OtherOrder | None" = None
@@ -140,11 +141,6 @@ class Geometry:
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
     followed: F64 | None = None
-
-    @property
-    def path_error_expected(self) -> float | None:
-        """Get the expected error of the path as a share of its extent; None if it is not known."""
-        return None if self.path_errors is None else self.path_errors.share
 
     @property
     def known_at_rest(self) -> bool:
@@ -332,7 +328,7 @@ class _Estimation:
         geometry, criteria = found.geometry, self.settings.criteria
         if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
             return False
-        return halves_agree(self.expected_errors(found), criteria)
+        return halves_agree(self.expected_error(found), criteria)
 
     def found(self, tracks: Tracks, *, moved: bool) -> _Found:
         """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
@@ -435,12 +431,12 @@ class _Estimation:
 
     def doubted(self, found: _Found) -> Geometry:
         """Return the geometry with the expected error of its path."""
-        errors = self.expected_errors(found)
-        notes = (*found.geometry.notes, *doubts_about_path(errors, self.settings.criteria))
-        return replace(found.geometry, path_errors=errors, notes=notes)
+        error = self.expected_error(found)
+        notes = (*found.geometry.notes, *doubts_about_path(error, self.settings.criteria))
+        return replace(found.geometry, path_error_expected=error, notes=notes)
 
-    def expected_errors(self, found: _Found) -> PathErrors | None:
-        """Return the expected errors of a path; see `halves`."""
+    def expected_error(self, found: _Found) -> float | None:
+        """Return the expected error of a path; see `halves`."""
         return expected_path_error(found.motion, found.tracks, self.flat.intrinsics, self.size, self.settings.motion)
 
     def with_reverse(self, found: _Found) -> Geometry:

@@ -73,7 +73,7 @@ def second_look(
         order_errors=before.order_errors,
         other_order=None,
         source=before.source,
-        path_errors=before.path_errors,
+        path_error_expected=before.path_error_expected,
         notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
     )
     return replace(first, geometry=geometry)
@@ -95,7 +95,7 @@ def _found_in_fit(
     )
     seeking = replace(settings.geometry, criteria=criteria)
     found = from_tracks(Request.of(first.holdout.seen, polished, seeking, lens), progress)
-    if not found.has_path or not halves_agree(found.path_errors, settings.geometry.criteria):
+    if not found.has_path or not halves_agree(found.path_error_expected, settings.geometry.criteria):
         return None
     note = finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)
     return replace(first, geometry=replace(found, order_errors=None, notes=(*found.notes, note)))

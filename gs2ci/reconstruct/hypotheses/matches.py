@@ -79,7 +79,7 @@ def look_far_apart(
     # Around an object, 80° from the first view to the last, views warped along the right path explained less than a
     # camera at rest: there it is enough that halves of the matches agree. For a camera that did not move they
     # once agreed to 5 %, along a path of 2 % of the depth.
-    agreed = halves_agree(geometry.path_errors, settings.geometry.criteria)
+    agreed = halves_agree(geometry.path_error_expected, settings.geometry.criteria)
     turned = agreed and turns_far(geometry.world_to_camera)
     found = geometry.has_path and (turned or explains_more_than_rest(request, geometry))
     if not found or _is_path(geometry, path):

@@ -16,7 +16,6 @@ from gs2ci.reconstruct.geometry import choose, prior
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest, load_geometry_prior
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, OtherOrder, initialise
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
@@ -377,7 +376,7 @@ def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(reque
 
 
 def test_auto_keeps_the_path_of_tracks_whose_halves_disagree_where_nothing_else_is_known(request_for, monkeypatch):
-    doubted = replace(from_tracks(request_for(), Silent()), path_errors=PathErrors(0.2, 0.0))
+    doubted = replace(from_tracks(request_for(), Silent()), path_error_expected=0.2)
     monkeypatch.setattr(choose, "from_tracks", lambda request, progress: doubted)
     assert find("auto", request_for()) is doubted
 

@@ -13,7 +13,6 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, GeometrySettings
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
@@ -33,7 +32,7 @@ def geometry(**parts):
         parallax_px=1.0,
         verdict="full",
         notes=(UNCERTAIN,),
-        path_errors=PathErrors(0.01, 0.0),
+        path_error_expected=0.01,
     )
     return replace(given, **parts)
 
@@ -42,13 +41,13 @@ def geometry(**parts):
     ("parts", "wanted"),
     [
         ({}, False),
-        ({"path_errors": None}, False),
-        ({"path_errors": PathErrors(0.2, 0.0)}, True),
-        ({"source": "stage", "path_errors": None}, False),
-        ({"verdict": "unsupported", "path_errors": None}, True),
-        ({"verdict": "rotation_only", "path_errors": None}, True),
-        ({"verdict": "static", "path_errors": None}, True),
-        ({"verdict": "static", "source": "stage", "path_errors": None}, False),
+        ({"path_error_expected": None}, False),
+        ({"path_error_expected": 0.2}, True),
+        ({"source": "stage", "path_error_expected": None}, False),
+        ({"verdict": "unsupported", "path_error_expected": None}, True),
+        ({"verdict": "rotation_only", "path_error_expected": None}, True),
+        ({"verdict": "static", "path_error_expected": None}, True),
+        ({"verdict": "static", "source": "stage", "path_error_expected": None}, False),
     ],
 )
 def test_a_path_that_nothing_bears_out_or_that_was_not_found_is_worth_a_second_look(parts, wanted):
@@ -82,7 +81,7 @@ def first(panned):
     masks = (np.random.default_rng(1).random(panned.shape[:3]) < 0.5).astype(np.float32)
     measurement = np.einsum("nhw,nhwc->hwc", masks, panned)
     shot = Shot(measurement, masks, np.ones(5, np.float32), intrinsics=geometry().intrinsics).check()
-    return FirstLook(Holdout.of(shot, 0.02, 0), panned, geometry(path_errors=PathErrors(0.2, 0.0)), None)
+    return FirstLook(Holdout.of(shot, 0.02, 0), panned, geometry(path_error_expected=0.2), None)
 
 
 def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
@@ -103,7 +102,7 @@ def test_views_that_show_no_path_leave_the_first(first, panned):
 
 @pytest.mark.parametrize("verdict", ["rotation_only", "static", "unsupported"])
 def test_a_path_that_was_not_found_is_found_in_the_views_of_a_fit_with_both_orders_of_depth(first, panned, verdict):
-    without = replace(first, geometry=geometry(verdict=verdict, notes=(PLANE_NOTE,), path_errors=None))
+    without = replace(first, geometry=geometry(verdict=verdict, notes=(PLANE_NOTE,), path_error_expected=None))
     again = second_look(without, panned, None, Settings(), Silent())
     assert again is not None
     found = again.geometry
@@ -131,6 +130,6 @@ def test_views_of_a_camera_that_only_turned_show_no_path(first, panned):
     without = replace(
         first,
         holdout=Holdout.of(replace(shot, measurement=coded), 0.02, 0),
-        geometry=geometry(verdict="rotation_only", path_errors=None),
+        geometry=geometry(verdict="rotation_only", path_error_expected=None),
     )
     assert second_look(without, views, None, Settings(), Silent()) is None

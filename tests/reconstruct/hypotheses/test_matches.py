@@ -10,7 +10,6 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.hypotheses import matches
 from gs2ci.reconstruct.hypotheses.matches import look_far_apart
@@ -67,7 +66,7 @@ def test_features_are_matched_in_tilted_pictures(monkeypatch, seen):
 def test_otherwise_the_first_look_stays(monkeypatch, seen, what):
     rest = at_rest(seen.geometry)
     # Parts of the matches give other paths, and views warped along this one explain no more than at rest.
-    doubtful = replace(rest, verdict="full", path_errors=PathErrors(0.11, 0.0))
+    doubtful = replace(rest, verdict="full", path_error_expected=0.11)
     asked = answering(monkeypatch, rest if what == "views do not join" else doubtful)
     found, _, _ = again(seen)
     assert found is None
@@ -78,7 +77,7 @@ def test_otherwise_the_first_look_stays(monkeypatch, seen, what):
 def test_a_path_that_turns_far_and_agrees_need_not_explain_more_than_rest(monkeypatch, seen, turned_deg, taken):
     poses = at_rest(seen.geometry).world_to_camera.copy()
     poses[0, :3, :3] = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix()
-    agreed = replace(at_rest(seen.geometry), world_to_camera=poses, verdict="full", path_errors=PathErrors(0.09, 0.0))
+    agreed = replace(at_rest(seen.geometry), world_to_camera=poses, verdict="full", path_error_expected=0.09)
     answering(monkeypatch, agreed)
     found, _, _ = again(seen)
     assert (found is not None) == taken
@@ -94,7 +93,7 @@ def test_a_path_that_turns_far_and_agrees_need_not_explain_more_than_rest(monkey
     ],
 )
 def test_a_path_that_a_fit_has_already_is_not_fitted_again(monkeypatch, seen, moved, turned_deg, error, taken):
-    answer = replace(seen.geometry, source="wide", path_errors=PathErrors(error, 0.0))
+    answer = replace(seen.geometry, source="wide", path_error_expected=error)
     answering(monkeypatch, answer)
     path = answer.world_to_camera.copy()
     path[0, 1, 3] += moved * np.linalg.norm(np.ptp(path[:, :3, 3], axis=0))

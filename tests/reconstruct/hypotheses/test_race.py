@@ -17,7 +17,6 @@ from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.hypotheses import jury, race
 from gs2ci.reconstruct.hypotheses.findings import course_findings
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
@@ -138,7 +137,7 @@ def run(
     """Race from a first look; return the result, and how many iterations each hypothesis got."""
     fits = Fits(leaves, settings or Settings(), scatter=scatter)
     again = "second look" in leaves
-    found = replace(first, geometry=replace(first.geometry, verdict="full", path_errors=PathErrors(0.01, 0.0)))
+    found = replace(first, geometry=replace(first.geometry, verdict="full", path_error_expected=0.01))
     monkeypatch.setattr(race, "second_look", lambda *_: found if again else None)
     matched = replace(first, geometry=replace(first.geometry, source="wide"))
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
@@ -151,7 +150,7 @@ def run(
     return raced, [(one.hypothesis.value, one.iterations) for one in raced.course]
 
 
-DOUBTFUL, PATHLESS = {"path_errors": PathErrors(0.2, 0.0)}, {"verdict": "rotation_only"}
+DOUBTFUL, PATHLESS = {"path_error_expected": 0.2}, {"verdict": "rotation_only"}
 OPEN = OrderFound(0.4)
 FIRST, SECOND = "first look", "second look"
 COMPANION, MATCHED = "other density rule", "wide"

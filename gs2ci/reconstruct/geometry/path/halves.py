@@ -17,7 +17,7 @@ compared with a path for which they were not (`bundle`): the effect of these pos
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -39,28 +39,14 @@ CELLS: Final = 8
 LEAST_VIEWS: Final = 3
 
 
-@dataclass(frozen=True)
-class PathErrors:
-    """What is to be expected of a path: root mean squares over halves and views.
-
-    Args:
-        share: Distance between camera centres after a similarity, as a share of the diagonal of the path's bounding
-            box; finite, and at most 1, since a half without a motion errs by the whole path.
-        turn: Angle between orientations after the turn that all cameras have in common, rad.
-    """
-
-    share: float
-    turn: float
-
-
 def expected_path_error(
     motion: CameraMotion,
     tracks: Tracks,
     intrinsics: F64,
     size: Size,
     settings: MotionSettings = USUAL_MOTION,
-) -> PathErrors | None:
-    """Estimate the errors of a path that was adjusted to tracks, from the paths of halves of the tracks.
+) -> float | None:
+    """Estimate the error of a path that was adjusted to tracks, from the paths of halves of the tracks.
 
     Errors that all tracks share do not show: those of a wrong camera matrix, a moving scene, or a reversed order of
     depth; nor does a rotation of all cameras against their path.
@@ -73,8 +59,8 @@ def expected_path_error(
         settings: How to adjust.
 
     Returns:
-        The errors; None if there is no path: no tracks, fewer than three views that see them, a camera that stays in
-        place.
+        The error, as `error_from_halves`; None if there is no path: no tracks, fewer than three views that see them, a
+        camera that stays in place.
     """
     placed = tracks.seen.any(axis=0)
     path = motion.world_to_camera[placed]
@@ -124,7 +110,7 @@ def times_better_foretold(
     return float(np.sqrt(np.median(squares))) if squares else 0.0
 
 
-def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> PathErrors | None:
+def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> float | None:
     """Return how far the paths of halves are from that of all.
 
     Args:
@@ -133,16 +119,16 @@ def error_from_halves(path: F64, group: I64, again: Callable[[Bool], F64]) -> Pa
         again: Estimates the poses, [N, 4, 4], from some of the observations, [P].
 
     Returns:
-        The errors; None if the camera stays in place.
+        Distance between camera centres after a similarity, root mean square over halves and views, as a share of the
+        diagonal of the path's bounding box; finite, and at most 1, since a half without a motion errs by the whole
+        path. None if the camera stays in place.
     """
     centres = camera_centres(path)
     extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
     if extent == 0:
         return None
-    found = [again(half) for half in _halves(group)]
-    far = np.mean([squared_distance(camera_centres(poses), centres) for poses in found])
-    turned = np.mean([squared_turn(poses, path) for poses in found])
-    return PathErrors(float(np.sqrt(far)) / extent, float(np.sqrt(turned)))
+    far = np.mean([squared_distance(camera_centres(again(half)), centres) for half in _halves(group)])
+    return float(np.sqrt(far)) / extent
 
 
 def squared_distance(centres: F64, path: F64) -> float:

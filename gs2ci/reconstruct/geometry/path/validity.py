@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import Bool, Size
 from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.reconstruct.geometry.kinds import Verdict
-from gs2ci.reconstruct.geometry.path.halves import CELLS, PathErrors, cells
+from gs2ci.reconstruct.geometry.path.halves import CELLS, cells
 from gs2ci.reconstruct.geometry.path.motion import CameraMotion, wander_px
 from gs2ci.reconstruct.geometry.path.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
@@ -157,18 +157,18 @@ def _largest_turn_deg(motion: CameraMotion, tracks: Tracks) -> float:
     return float(np.degrees(np.max(turns.magnitude(), initial=0.0)))
 
 
-def halves_agree(expected: PathErrors | None, criteria: Criteria) -> bool:
+def halves_agree(expected: float | None, criteria: Criteria) -> bool:
     """Tell whether halves of the points agree on a path so well that it is a motion, and not their errors.
 
     Args:
-        expected: Errors of the path, from halves; None, if they are not known: halves do not agree.
+        expected: Error of the path, from halves; None, if it is not known: halves do not agree.
         criteria: With the largest such error.
     """
-    return expected is not None and expected.share <= criteria.agreement
+    return expected is not None and expected <= criteria.agreement
 
 
-def doubts_about_path(expected: PathErrors | None, criteria: Criteria) -> Findings:
-    """Return the finding that a path with these expected errors is unreliable, or nothing."""
-    if expected is None or expected.share <= criteria.path_error:
+def doubts_about_path(expected: float | None, criteria: Criteria) -> Findings:
+    """Return the finding that a path with this expected error is unreliable, or nothing."""
+    if expected is None or expected <= criteria.path_error:
         return ()
-    return (finding(Code.PATH_UNCERTAIN, share=expected.share),)
+    return (finding(Code.PATH_UNCERTAIN, share=expected),)

@@ -31,7 +31,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, PathErrors, error_from_halves
+from gs2ci.reconstruct.geometry.path.halves import LEAST_VIEWS, error_from_halves
 from gs2ci.reconstruct.geometry.path.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
@@ -242,10 +242,10 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         return without
     there = blocks.adjusted(_reversed(here))
     notes = (
-        finding(Code.PATH_BY_DISPLACEMENTS, blocks=len(blocks), share=expected.share),
+        finding(Code.PATH_BY_DISPLACEMENTS, blocks=len(blocks), share=expected),
         *doubts_about_path(expected, criteria),
     )
-    found = _seen_along(request, replace(without, verdict=Verdict.FULL, path_errors=expected), blocks, here)
+    found = _seen_along(request, replace(without, verdict=Verdict.FULL, path_error_expected=expected), blocks, here)
     kept = tuple(note for note in still.notes if note.code not in _OVERRULED)
     found = replace(found, notes=(*kept, *notes))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
@@ -331,8 +331,8 @@ def _poses(moves: F64, over_time: F64, reference: int) -> F64:
     return found
 
 
-def expected_error(blocks: DisplacedBlocks, motion: BlockMotion, reference: int) -> PathErrors | None:
-    """Return the expected errors of a path, from halves of the blocks; see `halves`.
+def expected_error(blocks: DisplacedBlocks, motion: BlockMotion, reference: int) -> float | None:
+    """Return the expected error of a path, from halves of the blocks; see `halves`.
 
     None if the camera stays in place.
     """

@@ -13,7 +13,7 @@ Here: the scenes and their expected error. Not here: features and their matches 
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -23,7 +23,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.core.cameras import camera_centres, path_extent, rigid
 from gs2ci.core.colmap import colmap_camera, pycolmap, quietly
-from gs2ci.reconstruct.geometry.path.halves import PathErrors, error_from_halves, squared_distance
+from gs2ci.reconstruct.geometry.path.halves import error_from_halves, squared_distance
 from gs2ci.reconstruct.threads import in_threads
 
 # Fewest matches of a pair that its essential matrix confirms. Decoded photographs 15° apart, in which a third of the
@@ -82,14 +82,14 @@ class MappedScene:
         world_to_camera: Poses, [N, 4, 4].
         points: In the world, [P, 3].
         rms_px: Mean reprojection error.
-        path_errors: Expected errors of the path: of places, the larger of what halves of the points show and how far a
-            path is that explains hardly fewer matches. None for a camera that stays in place.
+        path_error_expected: Expected error of the path, as a share of its extent: the larger of what halves of the
+            points show and how far a path is that explains hardly fewer matches. None for a camera that stays in place.
     """
 
     world_to_camera: F64
     points: F64
     rms_px: float
-    path_errors: PathErrors | None
+    path_error_expected: float | None
 
 
 def grown_scene(places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: Size) -> MappedScene | None:
@@ -186,7 +186,7 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
         extent = path_extent(poses)
         rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
         apart = [squared_distance(camera_centres(_poses(rival, views)), path) ** 0.5 / extent for rival in rivals]
-        expected = replace(expected, share=max(expected.share, *apart, 0.0))
+        expected = max(expected, *apart)
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), expected)
 

@@ -68,7 +68,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
     else:
         span, depths = inverse_depth_range(ahead, settings.sweep), ()
         depth = sweep(request.views, relative, still.intrinsics, still.reference, span, settings.sweep)
-    doubts = doubts_about_path(scene.path_errors, settings.criteria)
+    doubts = doubts_about_path(scene.path_error_expected, settings.criteria)
     return replace(
         still,
         world_to_camera=relative,
@@ -76,7 +76,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         tracks=len(scene.points),
         reprojection_rms_px=scene.rms_px,
         verdict=Verdict.FULL,
-        path_errors=scene.path_errors,
+        path_error_expected=scene.path_error_expected,
         # A path that turns far has no exact reversal, and the scene with the reverse order explains fewer matches.
         order_errors=settings.criteria.order_errors if far else None,
         view_depths=depths,

@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.path.motion import estimate_motion
 from gs2ci.reconstruct.geometry.path.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.path.validity import (
@@ -141,12 +140,12 @@ def test_no_tracks_cover_nothing():
 
 
 def test_a_path_that_errs_by_more_than_the_criterion_is_doubted_in_figures_and_with_a_remedy():
-    (doubt,) = doubts_about_path(PathErrors(0.104, 0.0), Criteria())
+    (doubt,) = doubts_about_path(0.104, Criteria())
     assert doubt.code is Code.PATH_UNCERTAIN
     assert "10% of its extent" in doubt.sentence
     assert "texture" in doubt.advice
 
 
-@pytest.mark.parametrize("errors", [None, PathErrors(0.0, 0.0), PathErrors(0.05, 0.2)])
+@pytest.mark.parametrize("errors", [None, 0.0, 0.05])
 def test_a_path_that_errs_by_less_or_was_given_is_not_doubted(errors):
     assert doubts_about_path(errors, Criteria()) == ()

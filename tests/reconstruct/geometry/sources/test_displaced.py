@@ -15,7 +15,6 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, flat_geometry
 from gs2ci.reconstruct.geometry.path.focal import Focal
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry, turned
@@ -127,7 +126,7 @@ def test_the_stated_error_is_the_true_one_of_repeated_measurements(monkeypatch, 
     for seed in range(14):
         given = blocks(displaced_by(path(), depths(seed), 0.2, seed))
         found = given.motion()
-        stated.append(expected_error(given, found, VIEWS // 2).share)
+        stated.append(expected_error(given, found, VIEWS // 2))
         true.append(nate(found, path()).nate)
     # Fourteen measurements know the ratio to about 20 %.
     assert 0.75 < np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(true))) < most
@@ -200,7 +199,6 @@ def test_a_measurement_shows_a_path_of_a_pixel(request_for, small):
     found = displaced_motion(request, without_path(request))
     assert (found.source, found.verdict) == ("displacements", "full")
     assert found.path_error_expected < 0.1
-    assert 0 < found.path_errors.turn < 0.01
     assert np.median(found.inverse_depth) == pytest.approx(1, abs=1e-3)
     assert np.array_equal(found.world_to_camera[VIEWS // 2], np.eye(4))
     codes = [note.code for note in found.notes]
@@ -234,10 +232,10 @@ def test_auto_takes_the_better_of_tracks_and_displacements_in_the_order_that_is_
     request = request_for()
     by_blocks = displaced_motion(request, without_path(request))
     tracks = replace(by_blocks, source="tracks", order_errors=9.0, other_order=None)
-    sure = replace(tracks, path_errors=PathErrors(0.01, 0.0))
+    sure = replace(tracks, path_error_expected=0.01)
     assert choose._tracks_or_displacements(request, sure) is sure
-    better = replace(tracks, path_errors=PathErrors(0.9 * by_blocks.path_error_expected + 0.05, 0.0))
-    worse = replace(tracks, path_errors=PathErrors(0.3, 0.0))
+    better = replace(tracks, path_error_expected=0.9 * by_blocks.path_error_expected + 0.05)
+    worse = replace(tracks, path_error_expected=0.3)
     assert choose._tracks_or_displacements(request, worse).source == "displacements"
     assert better.path_error_expected > by_blocks.path_error_expected
     backwards = reversed_geometry(worse)

@@ -52,11 +52,11 @@ def test_a_scene_is_grown_from_matches_of_which_a_third_is_wrong(monkeypatch):
     assert distance(scene).rotation_deg < 0.5
     assert 70 < len(scene.points) <= 120
     assert NOISE_PX / 2 < scene.rms_px < 2 * NOISE_PX
-    assert 0.001 < scene.path_errors.share < 0.02
+    assert 0.001 < scene.path_error_expected < 0.02
     monkeypatch.setattr("numba.get_num_threads", lambda: 3)
     again = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     np.testing.assert_array_equal(again.world_to_camera, scene.world_to_camera)
-    assert again.path_errors == scene.path_errors
+    assert again.path_error_expected == scene.path_error_expected
 
 
 def test_a_scene_need_not_begin_with_the_pair_of_most_matches(monkeypatch):
@@ -82,11 +82,11 @@ def test_the_distance_of_a_path_that_explains_hardly_fewer_matches_is_the_expect
         pair: matches[20:] if sum(pair) % 2 else matches[:-20] for pair, matches in all_pairs(5, np.arange(140)).items()
     }
     surely = grown_scene(list(places), pairs, INTRINSICS, SIZE)
-    assert surely.path_errors.share < 0.02
+    assert surely.path_error_expected < 0.02
     monkeypatch.setattr(mapper, "_RIVALS", 0.3)
     in_doubt = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     np.testing.assert_array_equal(in_doubt.world_to_camera, surely.world_to_camera)
-    assert in_doubt.path_errors.share > 0.05
+    assert in_doubt.path_error_expected > 0.05
 
 
 @pytest.mark.parametrize("matches", [0, 14])

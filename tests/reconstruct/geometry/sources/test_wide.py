@@ -13,7 +13,6 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
-from gs2ci.reconstruct.geometry.path.halves import PathErrors
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources import mapper, wide
 from gs2ci.reconstruct.geometry.sources.mapper import MappedScene
@@ -140,7 +139,7 @@ def test_lengths_are_relative_to_the_median_inverse_depth_before_the_middle_view
     depths = np.linspace(4.0, 10.0, 301)
     points = np.column_stack([np.zeros_like(depths), np.zeros_like(depths), depths - 3.0])
     spans = []
-    mapped = MappedScene(path, points, 0.1, PathErrors(0.01, 0.001))
+    mapped = MappedScene(path, points, 0.1, 0.01)
     monkeypatch.setattr(wide, "_grown", lambda *_, **__: mapped)
     monkeypatch.setattr(wide, "turns_far", lambda _: False)
     monkeypatch.setattr(wide, "sweep", lambda *given: spans.append(given[4]) or scene.inverse_depth)
