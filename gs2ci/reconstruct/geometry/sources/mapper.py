@@ -186,7 +186,7 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
         extent = path_extent(poses)
         rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
         apart = [squared_distance(camera_centres(_poses(rival, views)), path) ** 0.5 / extent for rival in rivals]
-        expected = max(expected, *apart)
+        expected = max([expected, *apart])
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), expected)
 
