@@ -57,6 +57,8 @@ def test_a_scene_is_grown_from_matches_of_which_a_third_is_wrong(monkeypatch):
     again = grown_scene(list(places), pairs, INTRINSICS, SIZE)
     np.testing.assert_array_equal(again.world_to_camera, scene.world_to_camera)
     assert again.path_error_expected == scene.path_error_expected
+    monkeypatch.setattr(mapper, "_RIVALS", 2.0)  # no other model explains so many
+    assert 0.001 < grown_scene(list(places), pairs, INTRINSICS, SIZE).path_error_expected <= scene.path_error_expected
 
 
 def test_a_scene_need_not_begin_with_the_pair_of_most_matches(monkeypatch):
