@@ -222,18 +222,21 @@ def check_truth(
         )
         scale, residual = lifted, beside
     _, reverse = fit(measurement, coding.reversed().forward(views, cfa))
-    if reverse < EXPLAINED and reverse < 0.2 * residual:
-        raise InputError(
-            f"{truth.where}: the true views explain the measurement with the masks in reversed order "
-            f"(residual {reverse:.2%}), not as given ({residual:.2%})",
-            allowed="masks and true views in the order of exposure",
-            remedy="say --reverse-masks, reverse the true views, or leave them out with --truth-key none",
-        )
-    _, swapped = fit(measurement, coding.forward(views[..., ::-1], cfa))
-    if swapped < EXPLAINED and swapped < 0.2 * residual:
-        raise InputError(
-            f"{truth.where}: the true views explain the measurement with red and blue exchanged (residual "
-            f"{swapped:.2%}), not as given ({residual:.2%})",
+    _refuse_if_explained(
+        truth,
+        "the masks in reversed order",
+        reverse,
+        residual,
+        allowed="masks and true views in the order of exposure",
+        remedy="say --reverse-masks, reverse the true views, or leave them out with --truth-key none",
+    )
+    if views.shape[-1] > 1:
+        _, swapped = fit(measurement, coding.forward(views[..., ::-1], cfa))
+        _refuse_if_explained(
+            truth,
+            "red and blue exchanged",
+            swapped,
+            residual,
             allowed="red, green, blue; OpenCV reads and writes blue, green, red",
             remedy="reverse the colours of one of the two, or leave the true views out with --truth-key none",
         )
@@ -246,6 +249,17 @@ def check_truth(
     word = "WARNING: the truth does not explain" if residual >= grey else "truth: explains only roughly"
     guesses.append(f"{word} the measurement (relative residual {residual:.2f}, of even views {grey:.2f})")
     return None
+
+
+def _refuse_if_explained(truth: Array, how: str, changed: float, residual: float, *, allowed: str, remedy: str) -> None:
+    """Refuse true views that explain the measurement, to a residual, only if they are changed in some way."""
+    if changed < EXPLAINED and changed < 0.2 * residual:
+        raise InputError(
+            f"{truth.where}: the true views explain the measurement with {how} (residual {changed:.2%}), not as given "
+            f"({residual:.2%})",
+            allowed=allowed,
+            remedy=remedy,
+        )
 
 
 def _doubt_first(
