@@ -7,6 +7,7 @@ from gs2ci.reconstruct.geometry.path.halves import (
     cells,
     expected_path_error,
     squared_distance,
+    squared_turn,
     times_better_foretold,
 )
 from gs2ci.reconstruct.geometry.path.motion import (
@@ -232,3 +233,14 @@ def test_halves_without_a_track_or_with_points_behind_foretell_nothing(tracked):
     assert times_better_foretold(nothing, nothing, tracks.keep(none), scene.intrinsics, SIZE) == 0
     backwards = type(given)(**{**vars(given), "translations": -given.translations})
     assert times_better_foretold(backwards, given, tracks, scene.intrinsics, SIZE) == np.inf
+
+
+def test_turns_are_counted_beyond_the_one_that_all_cameras_have_in_common():
+    path = random_path(np.random.default_rng(0))
+    common, own = Rotation.from_euler("yx", [40, -10], degrees=True), np.radians([3, -3, 2, -2, 0, 1, -1])
+    poses = path.copy()
+    about_x = Rotation.from_rotvec(own[:, None] * [1, 0, 0])
+    poses[:, :3, :3] = path[:, :3, :3] @ (common * about_x).inv().as_matrix()
+    assert squared_turn(poses, path) == pytest.approx(np.square(own).mean(), rel=1e-6)
+    poses[:, :3, :3] = path[:, :3, :3] @ common.as_matrix()
+    assert squared_turn(poses, path) < 1e-12
