@@ -1,6 +1,6 @@
 """Tables whose rows are whole reconstructions, each in a process of its own: one task a core, or one after the other.
 
-Rows come back in their order. Side by side for figures of accuracy; seconds that are taken so say little.
+Rows come back in their order, or as they end. Side by side for figures of accuracy; seconds that are taken so say little.
 """
 
 import json
@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import Any, Final, TypeVar
 
@@ -29,9 +29,20 @@ def side_by_side(work: Callable[[Task], Row], tasks: Iterable[Task], jobs: int |
         tasks: What is handed over must be picklable.
         jobs: Processes; by default one for each core that this process may use.
     """
-    os.environ.update(ONE_THREAD)
-    with ProcessPoolExecutor(jobs or len(os.sched_getaffinity(0)), mp_context=get_context("spawn")) as pool:
+    with _pool(jobs) as pool:
         yield from pool.map(work, tasks)
+
+
+def as_they_end(work: Callable[[Task], Row], tasks: Iterable[Task], jobs: int | None = None) -> Iterator[Row]:
+    """Yield what `work` returns for each task as soon as it does: a long task withholds no other's row."""
+    with _pool(jobs) as pool:
+        for done in as_completed([pool.submit(work, task) for task in tasks]):
+            yield done.result()
+
+
+def _pool(jobs: int | None) -> ProcessPoolExecutor:
+    os.environ.update(ONE_THREAD)
+    return ProcessPoolExecutor(jobs or len(os.sched_getaffinity(0)), mp_context=get_context("spawn"))
 
 
 def answer_of(module: str, arguments: list[str], environment: Mapping[str, str]) -> dict[str, Any]:

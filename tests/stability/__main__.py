@@ -18,7 +18,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from tests.processes import side_by_side
+from tests.processes import as_they_end
 from tests.stability import random_forms
 from tests.stability.cases import CASES, Case
 from tests.stability.judge import Outcome, judge_by_number
@@ -43,7 +43,7 @@ def judge_all(numbers: list[int], jobs: int, record: Path | None = None) -> dict
     outcomes = {} if record is None else kept_in(record)
     outcomes = {number: outcome for number, outcome in outcomes.items() if number in numbers}
     missing = [number for number in numbers if number not in outcomes]
-    for number, outcome, seconds in side_by_side(judge_by_number, missing, jobs):
+    for number, outcome, seconds in as_they_end(judge_by_number, missing, jobs):
         outcomes[number] = outcome
         case = CASES[number]
         print(line_of(case, outcome, seconds), flush=True)
@@ -75,7 +75,7 @@ def line_of(case: Case, outcome: Outcome, seconds: float) -> str:
 def judge_random(seeds: range, jobs: int) -> int:
     """Judge measurements of random form and say how each fared; return 1 if the result of any is wrong."""
     bad = 0
-    for line, problem in side_by_side(random_forms.judge, seeds, jobs):
+    for line, problem in as_they_end(random_forms.judge, seeds, jobs):
         bad += problem is not None
         print(line if problem is None else f"{line}\n{problem}", flush=True)
     print(f"{len(seeds)} measurements of random form, {bad} with problems")

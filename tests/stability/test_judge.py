@@ -193,7 +193,7 @@ def test_suite_goes_on_from_its_record(tmp_path, monkeypatch):
         asked.append(list(numbers))
         yield from ((number, replace(outcome, psnr_db=float(number)), 0.1) for number in numbers)
 
-    monkeypatch.setattr(suite, "side_by_side", one_after_another)
+    monkeypatch.setattr(suite, "as_they_end", one_after_another)
     first = suite.judge_all([3, 5], 1, record)
     with record.open("ab") as file:
         file.write(b'{"title": "cut')

@@ -44,6 +44,6 @@ def test_what_is_no_typed_error_is_a_problem(monkeypatch, capsys):
     line, problem = judge(0)
     assert line.startswith("failed")
     assert "overflow" in problem
-    monkeypatch.setattr(command, "side_by_side", lambda function, seeds, jobs: map(function, seeds))
+    monkeypatch.setattr(command, "as_they_end", lambda function, seeds, jobs: map(function, seeds))
     assert command.judge_random(range(2), 1) == 1
     assert "2 measurements of random form, 2 with problems" in capsys.readouterr().out
