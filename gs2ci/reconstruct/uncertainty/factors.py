@@ -51,9 +51,6 @@ class Factors:
             one far down a corridor, has an uncertain depth.
         untracked_px: The same where no tracked points tell it (`depths.error_of_places`): those of a path that tracks
             did not show are the less sure.
-        depth_by_jump: The error of a depth per relative jump of depth from pixel to pixel: an error of a pixel's
-            breadth in where an edge lies.
-        most_of_jump: Larger jumps count as this.
         unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any;
             the relief that scenes may have, from the nearest sixth of their depths to the farthest.
     """
@@ -77,8 +74,6 @@ class Factors:
     out_of_step: float = 0.1
     place_px: float = 0.25
     untracked_px: float = 1.0
-    depth_by_jump: float = 0.91
-    most_of_jump: float = 0.3
     unknown_depth: float = 0.5
 
 
