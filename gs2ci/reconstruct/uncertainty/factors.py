@@ -39,8 +39,6 @@ class Factors:
             err independently: what a scene lacks is alike at neighbouring pixels and in all views. Beside the errors of
             given poses, readings tell by so much less.
         turn: The same for turns.
-        turn_counts: In the alignment of two paths, positions decide; orientations only about what they leave open, as
-            the roll about a straight path. A turn of 1 rad counts as an error of a position by this share of the path.
         turn_prior: No camera turns by more than about so many radians against what is known beforehand.
         unseen_px: A turn in step with the travel and a shift of all inverse depths leave the picture as it is
             (bas-relief), but for what a turn does beyond moving the picture as a whole. So many px, in the mean over
@@ -68,7 +66,6 @@ class Factors:
 
     position: float = 3.45
     turn: float = 3.84
-    turn_counts: float = 0.02
     turn_prior: float = 0.1
     unseen_px: float = 4.6
     out_of_step: float = 0.1
