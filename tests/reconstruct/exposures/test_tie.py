@@ -43,8 +43,7 @@ def test_each_is_brought_into_the_coordinates_of_the_first(four, four_tied):
     assert four_tied.distance_px < 0.2
 
 
-def test_stated_errors_are_those_made_and_none_of_the_first(four_tied):
-    true = truly(PLACES, UNITS)
+def test_errors_are_stated_and_none_of_the_first(four_tied):
     first, *others = four_tied.tied.values()
     assert (first.turn_error_deg, first.place_error) == (0, 0)
     for one in others:
