@@ -43,9 +43,9 @@ def unwatched(monkeypatch):
 
 @pytest.fixture
 def decoded(make_shot, monkeypatch):
-    def decode(seconds, costs, settings=BRIEF):
+    def decode(seconds, costs, settings=BRIEF, begins=BEGINS):
         clock = Clock(monkeypatch, costs)
-        return decode_until(make_shot(slide=0.4), 100.0 + seconds, settings, clock=clock, begins=BEGINS), clock
+        return decode_until(make_shot(slide=0.4), 100.0 + seconds, settings, clock=clock, begins=begins), clock
 
     return decode
 
@@ -98,7 +98,7 @@ def test_one_step_is_made_where_there_is_any_time_and_none_where_there_is_none(d
 
 
 def test_the_steps_of_a_short_time_come_closer_to_the_truth_than_gap_tv(decoded, make_shot):
-    found, _ = decoded(20, even, None)
+    found, _ = decoded(20, even, None, None)
     truth = make_shot(slide=0.4).truth.views
     assert found.settings.lattice.step_px == found.settings.lattice.patch_px
     by_patches, by_tv = (
