@@ -54,6 +54,7 @@ class GenicamModel(genicam.GenicamModel):
         debouncer_us: Its time at power-up, and its least value; None: it has none. A level counts once it has
             lasted for that long, so that edges act later by as much and shorter pulses are lost
             (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
+        outputs: Lines on which the debouncer is not available (mvBlueFOX3-2032G, firmware 2.25, as arv-tool lists it).
         line_left: LineMode and LineInverter of each line, as another program has left them; None: it has no such
             features. An inverter turns edges round before anything else ("after any processing by the line inverter
             module", Teledyne Linea HS manual), and an output takes none.
@@ -94,6 +95,7 @@ class GenicamModel(genicam.GenicamModel):
     processing: bool = False
     debouncer: str = "LineDebouncerTime"
     debouncer_us: tuple[float, float] | None = None
+    outputs: tuple[str, ...] = ()
     line_left: tuple[Literal["Input", "Output"], bool] | None = None
     shutters: tuple[str, ...] = ()
     link: tuple[int, Literal["On", "Off"]] | None = None
@@ -137,11 +139,18 @@ class OddNodes(NodeTable):
 
     Args:
         barred: Tells whether a feature is.
+        absent: Tells whether a feature is not available now.
     """
 
-    def __init__(self, nodes: dict[str, Node], streaming: Callable[[], bool], barred: Callable[[str], bool]) -> None:
+    def __init__(
+        self,
+        nodes: dict[str, Node],
+        streaming: Callable[[], bool],
+        barred: Callable[[str], bool],
+        absent: Callable[[str], bool],
+    ) -> None:
         super().__init__(nodes, streaming)
-        self._barred = barred
+        self._barred, self._absent = barred, absent
         self._at_power_up = {name: node.value for name, node in nodes.items()}
 
     def add(self, name: str, node: Node) -> None:
@@ -158,11 +167,16 @@ class OddNodes(NodeTable):
         }
 
     def describe(self, name: str) -> Feature | None:
-        found = super().describe(name)
+        found = None if self._absent(name) else super().describe(name)
         return found and replace(found, writable=found.writable and not self._barred(name))
 
+    def read(self, name: str) -> FeatureValue:
+        if self._absent(name):
+            raise FeatureRefusalError(f"{name} is not available now")
+        return super().read(name)
+
     def write(self, name: str, value: FeatureValue) -> None:
-        if self._barred(name):
+        if self._barred(name) or self._absent(name):
             raise FeatureRefusalError(f"{name} is not writable now")
         super().write(name, value)
 
@@ -188,6 +202,11 @@ class GenicamTwin(genicam.GenicamTwin):
                 self.model.locks_triggers
                 and name in ("TriggerSource", "TriggerActivation", "TriggerDelay")
                 and self.nodes.read("TriggerMode") == "On"
+            ),
+            lambda name: (
+                bool(self.model.outputs)
+                and name == self.model.debouncer
+                and self.nodes.read("LineSelector") in self.model.outputs
             ),
         )
 

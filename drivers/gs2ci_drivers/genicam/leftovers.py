@@ -168,14 +168,15 @@ class Leftovers:
         self._name_switches(listed)
 
     def _set(self, name: str, neutral: FeatureValue) -> None:
-        found = self._features.find(name)
-        if found is None or not (found.readable and found.writable):
-            return
-        if found.kind == "enumeration" and neutral not in found.symbols:
-            return
-        if found.kind in ("integer", "float"):
-            neutral = min(max(float(neutral), found.low), found.high)
-        for entry in self._entries(found):
+        chosen = self._features.find(name)
+        for entry in () if chosen is None else self._entries(chosen):
+            found = self._features.find(name)  # an output has no debouncer (mvBlueFOX3)
+            if found is None or not (found.readable and found.writable):
+                continue
+            if found.kind == "enumeration" and neutral not in found.symbols:
+                continue
+            if found.kind in ("integer", "float"):
+                neutral = min(max(float(neutral), found.low), found.high)
             left = self._features.read(name)
             # Of a range of 20 ms, ten microseconds are nothing, and of a trigger pulse all.
             if left == neutral or (name not in DEBOUNCERS and _same(left, neutral, found)):

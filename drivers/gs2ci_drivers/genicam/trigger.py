@@ -124,17 +124,19 @@ class Trigger:
                 features.write("LineSelector", before)
 
     def _wire(self) -> None:
-        """Have the chosen line take edges as they are."""
+        """Have the chosen line take edges as they are, and at once: another line may have had no debouncer to reset."""
         features = self._features
-        for name, wanted in AS_WIRED.items():
+        for name, neutral in (AS_WIRED | dict.fromkeys(DEBOUNCERS, 0.0)).items():
             found = features.find(name)
             if found is None or not (found.readable and found.writable) or name in self._options.features:
                 continue
+            wanted = max(neutral, found.low) if isinstance(neutral, float) else neutral
             if (left := features.read(name)) != wanted:
                 features.write(name, wanted)
+                how = "trigger_activation in [sensor] chooses the edge" if name in AS_WIRED else ""
                 self._notes.append(
                     f"{self._device}: {name} of {self._options.trigger_line} was {left} and has been reset to "
-                    f"{wanted}; trigger_activation in [sensor] chooses the edge"
+                    f"{wanted}; {how or '[sensor.features] can set it'}"
                 )
 
     def _debounced_s(self) -> float:

@@ -66,6 +66,17 @@ def test_a_debouncer_of_the_other_edge_delays_no_exposure(name):
     assert one.sensor.settings.trigger_delay_s == 0.0
 
 
+@pytest.mark.parametrize("selected", ["Line0", "Line1"])
+def test_a_debouncer_that_outputs_do_not_have_is_reset_on_the_triggers_line(selected):
+    one = Bench(debouncer="mvLineDebounceTimeRisingEdge", debouncer_us=(300, 20), outputs=("Line0",))
+    one.twin.nodes.write("LineSelector", selected)
+    one.start()
+    assert starts_s(one, 5e-3) == [pytest.approx(20e-6, abs=1e-9)]
+    assert one.sensor.settings.trigger_delay_s == pytest.approx(20e-6)
+    assert len([line for line in one.sensor.incidents if "mvLineDebounceTimeRisingEdge" in line]) == 1
+    assert one.twin.nodes.read("LineSelector") == selected
+
+
 # ---- triggers that are kept, doubled, delayed or held, as another program has left it
 
 LEFT = [
