@@ -95,10 +95,10 @@ class _Settling:
         # Of masks that are open or closed this counts the open ones, by whatever a pixel's were divided.
         count = np.where(opened, total**2 / np.maximum(squares, 1e-300), 0)
         for power, same, words in ((1.0, total, "sum"), (0.5, squares, "norm (the root of the sum of their squares)")):
-            if np.ptp(same[opened]) > _THE_SAME * same.max():
+            if not opened.any() or np.ptp(same[opened]) > _THE_SAME * same.max() or np.ptp(count[opened]) < _THE_SAME:
                 continue
             before = (masks * count**power).astype(np.float32)
-            undone = CodingConvention(before / before.max(), coding.weights)
+            undone = CodingConvention(np.asarray(before / before.max(), np.float32), coding.weights)
             found = self.question(readings, undone, self.pattern(readings, undone)).grow()
             # Readings that were divided, too, have the slope 1 - power.
             if found is not None and found.slope > 1 - power / 2 + _SIGMAS * found.slope_error:

@@ -226,6 +226,9 @@ def test_masks_that_were_divided_where_readings_were_not_are_taken_as_they_were(
     assert np.allclose(imported.shots[0].masks, masks, atol=1e-6)
     both = take(ImportOptions(scale=255.0), meas=meas / np.maximum(masks.sum(axis=0), 1) ** power, masks=divided)
     assert not said(both, "were divided at each pixel")
+    in_turn = (np.arange(4)[:, None, None] == np.arange(masks[0].size).reshape(masks[0].shape) % 5).astype(float)
+    once = take(ImportOptions(scale=255.0), meas=in_turn.sum(axis=0) * meas.mean(), masks=in_turn)
+    assert not said(once, "were divided at each pixel")
     assert np.allclose(both.shots[0].masks, divided, atol=1e-6)
 
 
