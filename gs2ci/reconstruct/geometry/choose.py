@@ -24,7 +24,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres, relative_to
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
-from gs2ci.core.plugins import load, names
+from gs2ci.core.plugins import called, load, names
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.evidence import unexplained
@@ -95,7 +95,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         own = ", ".join(GEOMETRY_NAMES[:-1])
         more = ", ".join(("file:PATH", *names(GEOMETRY_GROUP)))
         raise InputError(f"geometry {name!r}", allowed=f"{own}, {more}, vggt, vggt:FILE or vggt-or-tracks")
-    return prior()
+    return Source(name, partial(called, name, called(name, prior)))
 
 
 @dataclass(frozen=True)
