@@ -113,6 +113,30 @@ def called(name: str, brought: Callable[..., _Answer], *given: Any) -> _Answer:
         ) from error
 
 
+def brought(group: str, name: str, *given: Any) -> Any | None:
+    """Call a plug-in that is a function; None if no package has one of that name.
+
+    Raises:
+        PluginError: It cannot be imported, or fails; or, at a call of what it returned, that fails.
+    """
+    found = load(group, name)
+    return None if found is None else _Brought(name, called(name, found, *given))
+
+
+@dataclass(frozen=True)
+class _Brought:
+    """What a plug-in returned; its calls fail in its name."""
+
+    of: str
+    it: Any
+
+    def __call__(self, *given: Any) -> Any:
+        return called(self.of, self.it, *given)
+
+    def __getattr__(self, key: str) -> Any:
+        return getattr(self.it, key)
+
+
 def installed(built_in: dict[str, tuple[str, ...]] | None = None) -> list[Plugin]:
     """Return every installed plug-in, by group and name; each is imported, and has a `problem` if that fails.
 

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.plugins import GROUPS, PluginError, allowed, called, installed, load, names
+from gs2ci.core.plugins import GROUPS, PluginError, allowed, brought, called, installed, load, names
 
 RULES = "gs2ci.density_rules"
 
@@ -113,6 +113,19 @@ def test_what_a_plug_in_raises_names_it_and_its_place(error):
         called("mine", brought, 7)
     assert caught.value.__cause__ is error
     assert called("mine", len, "abc") == 3
+
+
+def test_what_a_plug_in_returns_fails_in_its_name_as_well(package):
+    source = "def make(seed):\n    def prior(x):\n        return x / seed\n    prior.name = 'mine'\n    return prior\n"
+    package("mine", {"gs2ci.priors": {"mine": "mine:make"}}, source)
+    assert brought("gs2ci.priors", "nobody") is None
+    prior = brought("gs2ci.priors", "mine", 0)
+    assert prior.name == "mine"
+    assert brought("gs2ci.priors", "mine", 2)(3) == 1.5
+    with pytest.raises(PluginError, match=r"'mine' failed: ZeroDivisionError: .* \(line 3 of mine\.py\)"):
+        prior(3)
+    with pytest.raises(PluginError, match="'mine' failed: TypeError"):
+        brought("gs2ci.priors", "mine")
 
 
 @pytest.mark.parametrize("error", [InputError("no light"), MemoryError(), KeyboardInterrupt()], ids=repr)
