@@ -191,10 +191,9 @@ def _scene(evidence: FinishedRun, scene: Gaussians | None, pictures: RunPictures
     if scene is None:
         return Markup()
     height, width = evidence.views.shape[1:3]
-    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     alone = next((layer.pictures for layer in pictures.layers if layer.name == "scene"), None) or pictures.recovered
     still = alone[len(alone) // 2]
-    return scene_view(scene, evidence.world_to_camera, (focal_x_px, focal_y_px), (height, width), still)
+    return scene_view(scene, evidence.world_to_camera, evidence.intrinsics, (height, width), still)
 
 
 def _views_lead(pictures: RunPictures) -> str:
