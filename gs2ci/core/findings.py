@@ -281,7 +281,7 @@ class Finding:
     @property
     def kind(self) -> Code:
         """Get its code; of one exposure of several, that of what was found in it."""
-        return Code(self.figures["code"]) if self.code is Code.OF_EXPOSURE else self.code
+        return Code(str(self.figures["code"])) if self.code is Code.OF_EXPOSURE else self.code
 
     @property
     def advice(self) -> str:
