@@ -192,3 +192,20 @@ def test_eight_named_columns_are_no_trajectory(tmp_path):
 def test_a_log_may_be_written_as_spreadsheets_do(tmp_path, coding):
     (tmp_path / "stage.csv").write_bytes(("x_µm,y_µm,z_µm\n" + rows(1000 * PLACES)).encode(coding))
     assert np.allclose(centres(stage_poses(tmp_path / "stage.csv", USUAL_WAYS, [])), PLACES)
+
+
+def test_rows_of_tum_whose_times_do_not_grow_are_refused(tmp_path):
+    turn = np.tile([0.0, 0, 0, 1], (4, 1))
+    with pytest.raises(InputError, match="times that do not grow"):
+        stage_poses(log(tmp_path, rows(np.c_[[0, 2, 1, 3], PLACES, turn], " "), "tum.txt"), USUAL_WAYS, [])
+
+
+def test_a_quaternion_that_seems_to_begin_with_w_is_doubted(tmp_path):
+    guesses = []
+    turn = np.tile([1.0, 0, 0, 0], (4, 1))
+    stage_poses(log(tmp_path, rows(np.c_[np.arange(4), PLACES, turn], " "), "tum.txt"), USUAL_WAYS, guesses)
+    assert any("TUM's last one is w" in guess for guess in guesses)
+    named = stage_poses(
+        log(tmp_path, "t,x,y,z,qw,qx,qy,qz\n" + rows(np.c_[np.arange(4), PLACES, turn])), USUAL_WAYS, []
+    )
+    assert np.allclose(named.values[:, :3, :3], np.eye(3))
