@@ -176,7 +176,7 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     travel_mm = STAGE_SPEED_MM_S * duration_s
     length = float(np.linalg.norm(baseline))
     opened = draw_codes(CaptureTable(masks=views, density=OPEN_SHARE, seed=seed), size, path.parent).sum(axis=0)
-    bright = max(LEAST_BRIGHT, float(np.quantile(opened[opened > 0], BRIGHT_SHARE)))
+    bright = max(LEAST_BRIGHT, float(np.quantile(opened[opened > 0], BRIGHT_SHARE, method="higher")))
     direction = baseline / length if length else np.array([1.0, 0.0, 0.0])
     return write_whole(
         path,
