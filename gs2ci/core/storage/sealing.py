@@ -88,8 +88,8 @@ def check_manifest_place(path: Path) -> None:
     manifest = manifest_of(path)
     if manifest.exists() and not _is_manifest(manifest):
         raise StorageError(
-            f"{manifest}: the manifest belongs there, but the file there is not one",
-            remedy="choose another name or move it away",
+            f"{manifest}: the manifest belongs there, beside {path.name}, but the file there is not one",
+            remedy=f"choose another name for {path.name}, or move {manifest.name} away",
         )
 
 

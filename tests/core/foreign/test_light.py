@@ -257,3 +257,11 @@ def test_a_stretched_contrast_that_clips_is_named(bench, take, said):
     low, high = np.quantile(meas, (0.25, 0.99))
     imported = take(meas=np.rint(255 * ((meas - low) / (high - low)).clip(0, 1)).astype(np.uint8), masks=masks)
     assert said(imported, "times as fast as the masks open: was too much subtracted")
+
+
+def test_readings_from_which_a_mean_was_subtracted_are_named(bench, take, said):
+    masks, meas = bench()
+    assert said(take(meas=(meas - meas.mean()) / meas.std(), masks=masks), "as after a mean is subtracted")
+    assert said(
+        take(ImportOptions(scale=255.0), meas=meas - 1.05 * meas.mean(), masks=masks), "as after a mean is subtracted"
+    )

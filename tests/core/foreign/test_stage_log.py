@@ -1,5 +1,7 @@
 """The log of a user's own stage beside a measurement: poses, and what is no such log."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -120,6 +122,18 @@ def test_a_log_beside_a_measurement_is_its_telemetry(scene, take, said, tmp_path
     assert shot.provenance["telemetry"] == {"position_error": 0.02}
     assert said(imported, "stage.csv: poses of the stage")
     assert shot.truth.world_to_camera is None
+
+
+def test_poses_of_another_program_are_told_with_their_order(tmp_path):
+    frames = [
+        {"file_path": f"images/{k}.png", "transform_matrix": [[1, 0, 0, k], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+        for k in (10, 9, 2, 1)
+    ]
+    camera = {"w": 64, "h": 48, "fl_x": 90, "fl_y": 90, "cx": 32, "cy": 24}
+    told = []
+    found = stage_poses(log(tmp_path, json.dumps({**camera, "frames": frames}), "t.json"), USUAL_WAYS, told)
+    assert np.allclose(centres(found)[:, 0], [1, 2, 9, 10])
+    assert told == ["t.json: poses of the stage, in the order of the numbers in the pictures' names"]
 
 
 def test_each_of_several_exposures_takes_its_part_of_the_log(scene, take, tmp_path):
