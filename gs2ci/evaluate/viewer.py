@@ -22,6 +22,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.evaluate.gate import Gate
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_run
+from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import read_ply_scene
@@ -29,8 +30,8 @@ from gs2ci.render.ply import read_ply_scene
 # viser keeps covariances in half precision, whose smallest number is 6e-8: scenes are scaled so that what the cameras
 # look at is this far away.
 SHOWN_DEPTH: Final = 10.0
-# The largest size, in shown units, whose square half precision holds: Gaussians far beyond the borders are larger.
-_LARGEST_SIZE: Final = 240.0
+# The largest size, in shown units, twice the square of which half precision holds: what lies far away is larger.
+_LARGEST_SIZE: Final = 170.0
 # Pictures on the cameras only need to be recognisable.
 PICTURE_SIDE_PX: Final = 320
 # A camera's symbol, as a share of the mean distance between neighbours, and of the depth where there is one camera.
@@ -90,15 +91,18 @@ def load_scene(folder: Path) -> ViewerScene:
         raise InputError(f"{Path(folder) / 'scene.ply'} holds no Gaussian", remedy="see report.html for why")
     poses = np.asarray(np.linalg.inv(evidence.world_to_camera), np.float64)
     middle = torch.from_numpy(evidence.world_to_camera[len(poses) // 2]).float()
+    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     scale = SHOWN_DEPTH / _typical_depth(gaussians.means.numpy(), evidence.world_to_camera)
     sizes = (scale * gaussians.log_scales.exp()).clamp(max=_LARGEST_SIZE)
     axes = rotation_matrices(gaussians.quaternions) * sizes[:, None, :]
+    # What the fit added to variances in pixels of its views: the viewer adds as much in its own, which are smaller.
+    px = scale * (gaussians.means @ middle[2, :3] + middle[2, 3]).clamp(min=0) / min(focal_x_px, focal_y_px)
+    widened = (DILATION_PX2 * px**2).clamp(max=_LARGEST_SIZE**2)[:, None, None] * torch.eye(3)
     poses[:, :3, 3] *= scale
     height, width = evidence.views.shape[1:3]
-    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     return ViewerScene(
         means=(scale * gaussians.means).numpy(),
-        covariances=(axes @ axes.transpose(1, 2)).numpy(),
+        covariances=(axes @ axes.transpose(1, 2) + widened).numpy(),
         colours=colours_from(gaussians, middle).clamp(0, 1).numpy(),
         opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
         camera_to_world=poses,

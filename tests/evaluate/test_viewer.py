@@ -49,7 +49,8 @@ def test_scenes_of_any_unit_are_shown_at_one_scale(write, scene, depth):
 def test_covariances_are_those_of_the_gaussians(write, scene):
     gaussians = replace(ahead(scene, SHOWN_DEPTH), log_scales=scene.log_scales - 3)
     shown = load_scene(write(gaussians, np.tile(np.eye(4), (3, 1, 1))))
-    wanted = torch.sort((2 * gaussians.log_scales).exp(), dim=1).values
+    # Wider by what the fit added in pixels of its views, whose focal length is 1.1 times their width of 16 px.
+    wanted = torch.sort((2 * gaussians.log_scales).exp(), dim=1).values + 0.3 * (SHOWN_DEPTH / (1.1 * 16)) ** 2
     np.testing.assert_allclose(np.linalg.eigvalsh(shown.covariances), wanted, rtol=1e-3, atol=1e-7)
     assert shown.opacities.shape == (50, 1)
     assert 0 <= shown.colours.min() <= shown.colours.max() <= 1
@@ -59,7 +60,7 @@ def test_no_covariance_is_beyond_half_precision(write, scene):
     gaussians = replace(ahead(scene, SHOWN_DEPTH), log_scales=scene.log_scales + 9)
     shown = load_scene(write(gaussians, np.tile(np.eye(4), (3, 1, 1))))
     assert np.isfinite(shown.covariances.astype(np.float16)).all()
-    assert np.linalg.eigvalsh(shown.covariances).max() > 50_000
+    assert np.linalg.eigvalsh(shown.covariances).max() > 25_000
 
 
 def test_harmonics_come_back_from_a_run_and_are_shown_as_the_middle_camera_sees_them(write, scene):
