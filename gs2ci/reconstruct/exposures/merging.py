@@ -181,7 +181,11 @@ def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> Findings:
         for note in part.notes:
             key = (note.code, note.sentence)
             if shared[key] < len(parts):
-                found.append(finding(Code.OF_EXPOSURE, name=name, sentence=note.sentence, code=note.code))
+                found.append(
+                    finding(
+                        Code.OF_EXPOSURE, **{**note.figures, "name": name, "sentence": note.sentence, "code": note.code}
+                    )
+                )
             elif key not in told:
                 found.append(note)
                 told.add(key)
