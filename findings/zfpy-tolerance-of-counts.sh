@@ -25,10 +25,9 @@ for kind in (np.int32, np.int64, np.float32, np.float64):
         found[kind, name, value] = off
         print(f"zfpy {version('zfpy')} {kind.__name__} {name} {value}: off by up to {off:g}, {len(data)} of {picture.nbytes} bytes")
     found[kind, "same"] = np.array_equal(packed["tolerance", 0.5], packed["tolerance", 1000])
-for kind in (np.int32, np.int64):
-    assert found[kind, "tolerance", 0.5] > 2 and found[kind, "same"], "tolerance: the behaviour has changed"
-    assert found[kind, "precision", 16] == counts.max(), "precision: the behaviour has changed"
-for kind in (np.float32, np.float64):
-    assert found[kind, "tolerance", 0.5] <= 0.5 and not found[kind, "same"] and found[kind, "precision", 16] <= 2
-assert all(found[kind, "none", None] == 0 for kind in (np.int32, np.int64, np.float32, np.float64)), "lossless is not"
+whole, floating = (np.int32, np.int64), (np.float32, np.float64)
+assert all(found[kind, "tolerance", 0.5] > 2 and found[kind, "same"] for kind in whole), "tolerance: the behaviour has changed"
+assert all(found[kind, "precision", 16] == counts.max() for kind in whole), "precision: the behaviour has changed"
+assert all(found[kind, "tolerance", 0.5] <= 0.5 and not found[kind, "same"] and found[kind, "precision", 16] <= 2 for kind in floating)
+assert all(found[kind, "none", None] == 0 for kind in (*whole, *floating)), "lossless is not"
 PY

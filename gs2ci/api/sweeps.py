@@ -105,8 +105,10 @@ def sweep(
         values = np.unique(np.rint(values)) if _whole(read, values) else values
         for end in values[[0, -1]]:  # before any plan of any sweep is made
             read(float(end))
-        kept = {"quantity": name, "key": figure.key, "unit": figure.unit, "own": own, "progress": progress}
-        asked.append(partial(swept, partial(_planned, read), values, **kept))
+        plan_at = partial(_planned, read)
+        asked.append(
+            partial(swept, plan_at, values, quantity=name, key=figure.key, unit=figure.unit, own=own, progress=progress)
+        )
     return tuple(one() for one in asked)
 
 
