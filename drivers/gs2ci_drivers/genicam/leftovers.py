@@ -34,7 +34,7 @@ DEBOUNCERS: Final = (
 )
 """Times for which a line's level has to last before it counts, chosen by LineSelector: a trigger acts later by as much,
 and one that is shorter is lost (docs.baslerweb.com/line-debouncer and /input-filter; Baumer VLXT manual, Debouncer;
-Point Grey Chameleon3 by klecknerlab/simple_pyspin 651845ad, docs/cameras: LineDebouncerTimeRaw "in microseconds";
+Point Grey Chameleon3 by klecknerlab/simple_pyspin 651845ad, pages of cameras: LineDebouncerTimeRaw "in microseconds";
 Allied Vision; FLIR: "filter width in microseconds"; Daheng MER-G manual, Input Debouncer; Balluff BVS CA-GT, Working
 with debouncing filters: "this mechanism delays the image acquisition")."""
 SHUTTERS: Final = ("SensorShutterMode", "ShutterMode")
