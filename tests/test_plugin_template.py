@@ -166,7 +166,8 @@ def test_prior_and_geometry_are_taken_by_name(template):
 
 def test_the_effect_stands_in_its_stage_and_darkens_its_corner(template):
     (effect,) = effects_from_tables({"dim_corner": {"share": 0.25}})
-    kinds = light_path()
+    kinds = light_path(["dim_corner"])
+    assert light_path([]) == LIGHT_PATH
     assert [kind for kind in kinds if kind in LIGHT_PATH] == list(LIGHT_PATH)
     assert effect.stage is kinds[kinds.index(type(effect)) - 1].stage
     assert EffectChain([effect], 0).effects == (effect,)
@@ -175,8 +176,22 @@ def test_the_effect_stands_in_its_stage_and_darkens_its_corner(template):
 def test_what_is_no_effect_is_refused(template, monkeypatch):
     light_paths._plugged.cache_clear()
     monkeypatch.setattr(light_paths, "load", lambda *_: 7)
-    with pytest.raises(PluginError, match="'dim_corner' is no effect"):
-        light_path()
+    with pytest.raises(PluginError, match="'dim_corner' is no effect: it has no stage, no cost_ns"):
+        effects_from_tables({"dim_corner": {}})
+
+
+def test_a_broken_effect_that_nobody_asks_for_is_nobodys_trouble(template, monkeypatch):
+    brought = light_paths.load
+    light_paths._plugged.cache_clear()
+    monkeypatch.setattr(light_paths, "names", lambda _: ["broken", "dim_corner"])
+    monkeypatch.setattr(light_paths, "load", lambda group, name: 7 if name == "broken" else brought(group, name))
+    (effect,) = effects_from_tables({"dim_corner": {"share": 0.25}})
+    assert effect.name == "dim_corner"
+    with pytest.raises(PluginError, match="'broken' is no effect"):
+        effects_from_tables({"broken": {}})
+    with pytest.raises(InputError, match="dim_cornr"):
+        effects_from_tables({"dim_cornr": {}})
+    light_paths._plugged.cache_clear()
 
 
 def test_an_effect_cannot_take_the_name_of_ours(template, monkeypatch):
@@ -187,7 +202,7 @@ def test_an_effect_cannot_take_the_name_of_ours(template, monkeypatch):
     monkeypatch.setattr(light_paths, "names", lambda _: ["shot_noise"])
     monkeypatch.setattr(light_paths, "load", lambda *_: Twice)
     with pytest.raises(PluginError, match="has the name of an effect of gs2ci"):
-        light_path()
+        light_path(["shot_noise"])
     light_paths._plugged.cache_clear()
 
 

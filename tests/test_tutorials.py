@@ -50,3 +50,8 @@ def test_they_run(path, tmp_path, monkeypatch):
     kinds = {kind for output in outputs for kind in output.get("data", {})}
     assert kinds & {"text/html", "text/markdown"}
     assert not [output for output in outputs if output.output_type == "error" or output.get("name") == "stderr"]
+    if path.stem == "1-first-scene":
+        # What a newcomer sees first is a path and a depth, not why there is none.
+        printed = "".join(output["text"] for output in outputs if output.output_type == "stream")
+        assert float(re.search(r"rank correlation of depths .* (-?[\d.]+) \(", printed)[1]) > 0.6
+        assert float(re.search(r"path error ([\d.]+)%", printed)[1]) < 10

@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 
 from gs2ci import __version__
 from gs2ci.core.alone import alone_in
-from gs2ci.core.errors import NumericsError, StorageError
+from gs2ci.core.errors import NumericsError, StorageError, room_after
 from gs2ci.core.hdf5 import SuspectFile, check_text_heaps
 from gs2ci.core.storage.layout import to_json
 from gs2ci.core.storage.sealing import check_manifest_place, check_room, partial_of, seal
@@ -189,7 +189,7 @@ def _replaced(path: Path, bundle: Bundle) -> Path:
         partial.unlink(missing_ok=True)
         if isinstance(error, OSError | RuntimeError):  # HDF5 reports a full disk as either
             raise StorageError(
-                f"{path}: cannot be written: {error}", remedy="free the disk, check the folder"
+                f"{path}: cannot be written: {error}", remedy=f"{room_after(error)}, check the folder"
             ) from error
         raise
     seal(partial, path)

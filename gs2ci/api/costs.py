@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gs2ci.api.display import shown
-from gs2ci.api.options import check_seed
+from gs2ci.api.options import check_seed, every
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.json_text import as_json
@@ -89,7 +89,7 @@ def tradeoff(
         gs2ci.core.errors.InputError: no knob 'luck'; ...
     """
     check_seed(seed)
-    most_s = parse_duration_s(most)
+    most_s, knobs = parse_duration_s(most), every(knobs)
     # Read before imports that take seconds: a missing file is reported at once.
     from gs2ci.core.storage import read_shot
 
@@ -104,7 +104,7 @@ def tradeoff(
     from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, chosen_trials, expected_seconds
 
     output = Path(output)
-    trials, shots = chosen_trials(tuple(knobs) or KNOBS, (KNOB,)), [measured]
+    trials, shots = chosen_trials(knobs or KNOBS, (KNOB,)), [measured]
     if KNOB in knobs:
         shots += [] if isinstance(shot, Shot) else _others(Path(shot), index)
         trials += exposure_trials(len(shots))

@@ -16,7 +16,7 @@ import torch
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, finding
-from gs2ci.core.plugins import PluginError, allowed, load
+from gs2ci.core.plugins import PluginError, allowed, called, load
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.decode_folder import Decoded
@@ -110,7 +110,7 @@ def _plugged_decoder(name: str) -> Decoder:
 
     def decode(shot: Shot, progress: Progress) -> _Outcome:
         progress.stage(name)
-        views = np.asarray(found(shot, progress), np.float32)
+        views = called(name, lambda: np.asarray(found(shot, progress), np.float32))
         wanted = (*shot.masks.shape, shot.measurement.shape[2] if shot.cfa is None else 3)
         if views.shape != wanted or not np.isfinite(views).all():
             raise PluginError(

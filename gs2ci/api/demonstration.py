@@ -10,9 +10,10 @@ from gs2ci.api.options import check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.whole_file import check_earlier, write_whole
 
-# About two masks of eight are open at a pixel, so four times full scale still fits the sensor's well.
 OPEN_SHARE: Final = 0.25
-FULL_WELLS_PER_VIEW: Final = 0.19
+# What a bright pixel of a white scene collects in an exposure: five of eight masks are open there, or more of more.
+FULL_WELLS: Final = 0.95
+LEAST_BRIGHT: Final = 5
 MASK_S: Final = 0.02
 STAGE_SPEED_MM_S: Final = 12.5
 # The scene's depths are needed before the bench is built; an eighth of the resolution is enough for them.
@@ -160,6 +161,9 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     """
     import numpy as np
 
+    from gs2ci.rig.config import CaptureTable
+    from gs2ci.rig.patterns import draw_codes
+    from gs2ci_drivers.planning import BRIGHT_SHARE
     from gs2ci_sims.path import stage_move_for_parallax
     from gs2ci_sims.scenes.rgbd import motorcycle
     from gs2ci_sims.sensor import SensorFigures
@@ -171,6 +175,8 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     baseline = np.array(move.velocity) * duration_s
     travel_mm = STAGE_SPEED_MM_S * duration_s
     length = float(np.linalg.norm(baseline))
+    opened = draw_codes(CaptureTable(masks=views, density=OPEN_SHARE, seed=seed), size, path.parent).sum(axis=0)
+    bright = max(LEAST_BRIGHT, float(np.quantile(opened[opened > 0], BRIGHT_SHARE, method="higher")))
     direction = baseline / length if length else np.array([1.0, 0.0, 0.0])
     return write_whole(
         path,
@@ -188,7 +194,7 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
             mask_s=MASK_S,
             from_mm=75.0 - travel_mm / 2,
             to_mm=75.0 + travel_mm / 2,
-            rate=FULL_WELLS_PER_VIEW * sensor.full_well_e / MASK_S,
+            rate=FULL_WELLS / bright * sensor.full_well_e / MASK_S,
             unit=max(length, 1e-9) / travel_mm,
             seed=seed,
         ),

@@ -110,6 +110,11 @@ def check_seed(seed: int) -> None:
     check_whole("--seed", seed, 0, MOST_SEED)
 
 
+def every(texts: str | Sequence[str]) -> tuple[str, ...]:
+    """Return texts as a tuple; a single one is not taken for its letters."""
+    return (texts,) if isinstance(texts, str) else tuple(texts)
+
+
 def as_path(path: str | os.PathLike[str], *, of: str, remedy: str) -> Path:
     """Return a path as a Path.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gs2ci.api.options import check_number
+from gs2ci.api.options import check_number, every
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def explain(decided: "Plan | str | Path", effects: Sequence[str] = ("all",)) -> 
     """
     from gs2ci_sims.explaining import explain as explained
 
-    return explained(plan(decided) if isinstance(decided, str | Path) else decided, effects)
+    return explained(plan(decided) if isinstance(decided, str | Path) else decided, every(effects))
 
 
 def foreseen(

@@ -156,12 +156,13 @@ class Run:
 
     def _repr_html_(self) -> str:
         from gs2ci.core.notebook import card
+        from gs2ci.evaluate.pages.next_steps import from_exposures
         from gs2ci.evaluate.summary import summary_rows
 
         facts = [(name, f"{value}  {remark}".rstrip()) for name, value, remark in summary_rows(self.report)]
         notes = [("" if k else "notes", note.advice) for k, note in enumerate(self.report.notes)]
         shown = "decode, recovered, depth (yellow is near)" if self.depth is not None else "decode, recovered"
-        title = f"{self.report.name}: {self.report.views} views from one exposure"
+        title = f"{self.report.name}: {self.report.views} views {from_exposures(self.report)}"
         return card(title, [*facts, *notes], self._repr_png_(), caption=f"middle view: {shown}")
 
     def save(self, folder: str | Path, *, overwrite: bool = False, moments: int | None = None) -> Path:

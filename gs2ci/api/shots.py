@@ -4,9 +4,11 @@ Here: `load`, `save`, `import_file`, `recover`. Not here: any guess about a fore
 layouts (`gs2ci.core.storage`).
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
     from gs2ci.core.foreign.container import Array
 
+_Exposure = TypeVar("_Exposure", bound=Shot | str | Path)
 ArrayOrFile = Any
 """An array of numpy or torch, nested lists, or the path of a file that holds one array."""
 
@@ -331,14 +334,34 @@ def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, tog
                 remedy="give together=True, or reconstruct each by itself (gs2ci.reconstruct_many)",
             )
         return given
-    from gs2ci.core.storage import count_shots, read_shot
+    from gs2ci.core.storage import count_shots
 
-    found: list[Shot | str | Path] = []
+    found: list[tuple[Shot | str | Path, str]] = []
     for one in given:
         if isinstance(one, str | Path) and Path(one).suffix.lower() in _SHOT_FILES:
-            found += [read_shot(Path(one), number) for number in range(count_shots(Path(one)))]
+            found += exposures_in(Path(one), range(count_shots(Path(one))))
         else:
-            found.append(one)
+            found.append((one, ""))
     if not found:
         raise InputError("no exposure to reconstruct", allowed="one or more")
-    return found
+    return told_apart(found)
+
+
+def exposures_in(file: Path, numbers: Iterable[int]) -> list[tuple[Shot, str]]:
+    """Read exposures of a file, each with a name after the file, as `told_apart` takes them.
+
+    Raises:
+        StorageError: The file cannot be read.
+    """
+    from gs2ci.core.storage import count_shots, read_shot
+
+    single = count_shots(file) == 1
+    return [(read_shot(file, number), file.stem if single else f"{file.stem}-{number}") for number in numbers]
+
+
+def told_apart(found: Sequence[tuple[_Exposure, str]]) -> list[_Exposure]:
+    """Return exposures under the names of their files where they have one name, as all captures of a bench do."""
+    many = Counter(one.name for one, _ in found if isinstance(one, Shot))
+    return [
+        replace(one, name=own) if isinstance(one, Shot) and own and many[one.name] > 1 else one for one, own in found
+    ]

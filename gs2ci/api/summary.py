@@ -17,13 +17,14 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     Raises:
         StorageError: The folder contains no readable report.
     """
+    from gs2ci.evaluate.pages.next_steps import from_exposures
     from gs2ci.evaluate.report import read_report
     from gs2ci.evaluate.summary import summary_rows
 
     report = read_report(folder)
     console = console or Console(highlight=False)
     table = Table(
-        title=Text(f"{report.name}: {report.views} views from one exposure", style="bold"),
+        title=Text(f"{report.name}: {report.views} views {from_exposures(report)}", style="bold"),
         title_justify="left",
         show_header=False,
         box=None,

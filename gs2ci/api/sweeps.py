@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from gs2ci.api.options import check_number
+from gs2ci.api.options import check_number, every
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 DEFAULT_POINTS: Final = 9
 MOST_POINTS: Final = 200
+_RANGE: Final = "two numbers in the rig file's unit, the first below the second: NAME=0.1..10"
 DECADE: Final = 10.0
 """By default a parameter is swept from a tenth of the file's value to ten times it."""
 
@@ -85,31 +86,30 @@ def sweep(
     from gs2ci_sims.sweeping import along, swept
 
     if not 2 <= points <= MOST_POINTS:
-        raise InputError(f"{points} points along a figure", allowed=f"2 to {MOST_POINTS}")
+        raise InputError(f"--points {points}", allowed=f"2 to {MOST_POINTS}")
     rig = Path(rig)
     tables, _ = read_toml(rig)
     names = SIMULATION_NAMES if describes_simulation(tables) else BENCH_NAMES
     check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
-    sweeps = []
-    for text in quantities:
+    asked = []
+    for text in every(quantities):
         name, _, span = text.partition("=")
         figure = names.get(name, _Figure(name, ""))
         own = _value_in_file(tables, figure.key)
+        if own is None and "." not in figure.key:
+            allowed = f"{', '.join(names)}, or a dotted key of the file, as capture.density"
+            raise InputError(f"a sweep of {name!r}", allowed=allowed)
         low, high = _span(text, span, own)
         read = partial(_read, partial(foreseen, rig, tolerance_dn=tolerance_dn, rays=rays), tables, figure.key)
         values = along(low, high, points)
-        sweeps.append(
-            swept(
-                partial(_planned, read),
-                np.unique(np.rint(values)) if _whole(read, values) else values,
-                quantity=name,
-                key=figure.key,
-                unit=figure.unit,
-                own=own,
-                progress=progress,
-            )
+        values = np.unique(np.rint(values)) if _whole(read, values) else values
+        for end in values[[0, -1]]:  # before any plan of any sweep is made
+            read(float(end))
+        plan_at = partial(_planned, read)
+        asked.append(
+            partial(swept, plan_at, values, quantity=name, key=figure.key, unit=figure.unit, own=own, progress=progress)
         )
-    return tuple(sweeps)
+    return tuple(one() for one in asked)
 
 
 def _read(
@@ -147,7 +147,7 @@ def _span(text: str, span: str, own: float | None) -> tuple[float, float]:
     try:
         low, high = (float(end) for end in span.split(".."))
     except ValueError:
-        raise InputError(f"the range {span!r} of a sweep", allowed="two numbers: NAME=0.1..10") from None
+        raise InputError(f"the range {span!r} of a sweep", allowed=_RANGE) from None
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise InputError(f"a sweep from {low:g} to {high:g}", allowed="finite numbers, the first below the second")
     return low, high

@@ -93,7 +93,7 @@ def row_of(name: str, file: Path, index: int, key: str, report: Report, *, machi
         heldout_rms=report.heldout_rms,
         residual_rms=report.residual.rms,
         gaussians=report.gaussians,
-        doubts=sum(note.code.weight != "remark" for note in report.notes),
+        doubts=sum(note.kind.weight != "remark" for note in report.notes),
         seconds=report.seconds["total"],
         peak_mib=report.peak_mib,
         machine=machine,

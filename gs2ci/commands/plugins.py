@@ -5,6 +5,7 @@ Here: the table that is printed. Not here: finding them (`gs2ci.api.plugins`).
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from gs2ci.api.plugins import list_plugins
 from gs2ci.commands.answers import AsJson, answered
@@ -33,10 +34,11 @@ def _print(found: list[Plugin]) -> None:
         return
     table = Table(box=None, padding=(0, 3, 0, 0))
     for heading in ("plug-in", "from", "used as", "defined in"):
-        table.add_column(heading, no_wrap=heading != "defined in")
+        table.add_column(heading, no_wrap=heading != "defined in", overflow="fold")
     for plugin in found:
         name = plugin.name if not plugin.problem else f"{plugin.name} (left out)"
-        table.add_row(name, plugin.origin, GROUPS[plugin.group], plugin.target)
+        # As they are written: brackets are no markup.
+        table.add_row(*map(Text, (name, plugin.origin, GROUPS[plugin.group], plugin.target)))
     Console(highlight=False).print(table)
     for plugin in found:
         if plugin.problem:

@@ -11,6 +11,8 @@
 Every message says what was wrong, what is allowed and what to do, in that order.
 """
 
+import errno
+
 
 class Gs2ciError(Exception):
     """Base of all errors that gs2ci raises on purpose.
@@ -113,6 +115,12 @@ def reason_of(error: Exception) -> str:
         # numpy's numbers ("163840 requested and 102368 written") of values, without the system's reason.
         return f"the disk took only a part of the values ({told}): it is full, or files may not be larger"
     return told
+
+
+def room_after(error: Exception) -> str:
+    """Return what makes room for a file that could not be written: on the disk, or under a limit on sizes."""
+    full = not isinstance(error, OSError) or error.errno != errno.EFBIG
+    return "free the disk" if full else "allow larger files (`ulimit -f`)"
 
 
 def reason_with_file(error: Exception) -> str:

@@ -279,9 +279,14 @@ class Finding:
     figures: Mapping[str, Figure] = field(default_factory=dict)
 
     @property
+    def kind(self) -> Code:
+        """Get its code; of one exposure of several, that of what was found in it."""
+        return Code(str(self.figures["code"])) if self.code is Code.OF_EXPOSURE else self.code
+
+    @property
     def advice(self) -> str:
         """Get the sentence, followed by the remedy if it is a doubt or a failure."""
-        return self.sentence if self.code.weight is REMARK else f"{self.sentence} {self.code.remedy}"
+        return self.sentence if self.kind.weight is REMARK else f"{self.sentence} {self.kind.remedy}"
 
 
 Findings = tuple[Finding, ...]

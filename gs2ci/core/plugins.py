@@ -9,11 +9,16 @@ Nothing is imported before it is requested by its name. If one cannot be loaded,
 it with its package; nothing else is affected. Not here: the interface of each group (docs/plugins.md).
 """
 
+import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import Gs2ciError, InputError
+
+_Answer = TypeVar("_Answer")
 
 GROUPS: Final[dict[str, str]] = {
     "gs2ci.modulators": "[modulator] kind of a rig file",
@@ -85,6 +90,51 @@ def load(group: str, name: str) -> Any | None:
             remedy=f"mend or remove that package; {GROUPS[group]} takes other names",
         )
     return found[0].load()
+
+
+def called(name: str, brought: Callable[..., _Answer], *given: Any) -> _Answer:
+    """Call what a plug-in brought.
+
+    Raises:
+        PluginError: It failed in a way of its own.
+        Gs2ciError: It said in ours what is wrong.
+        MemoryError: There is not enough of it.
+    """
+    try:
+        return brought(*given)
+    except (Gs2ciError, MemoryError):
+        raise
+    except Exception as error:  # foreign code may raise anything
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"line {where.lineno} of {Path(where.filename).name}"
+        raise PluginError(
+            f"the plug-in {name!r} failed: {type(error).__name__}: {error} ({place})",
+            remedy="ask its authors, or leave it out",
+        ) from error
+
+
+def brought(group: str, name: str, *given: Any) -> Any | None:
+    """Call a plug-in that is a function; None if no package has one of that name.
+
+    Raises:
+        PluginError: It cannot be imported, or fails; or, at a call of what it returned, that fails.
+    """
+    found = load(group, name)
+    return None if found is None else _Brought(name, called(name, found, *given))
+
+
+@dataclass(frozen=True)
+class _Brought:
+    """What a plug-in returned; its calls fail in its name."""
+
+    of: str
+    it: Any
+
+    def __call__(self, *given: Any) -> Any:
+        return called(self.of, self.it, *given)
+
+    def __getattr__(self, key: str) -> Any:
+        return getattr(self.it, key)
 
 
 def installed(built_in: dict[str, tuple[str, ...]] | None = None) -> list[Plugin]:

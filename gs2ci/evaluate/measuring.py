@@ -128,7 +128,7 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     # Where depths have standard errors, those contain what they have in common.
     common = 0.0 if run.depth_error is not None else _error_of_scale(run)
     error = float(np.hypot(np.sqrt(sum(variances)), length * common))
-    doubts = tuple(note.advice for note in run.report.notes if note.code in _AGAINST_DEPTH)
+    doubts = tuple(note.advice for note in run.report.notes if note.kind in _AGAINST_DEPTH)
     return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit, doubts)
 
 

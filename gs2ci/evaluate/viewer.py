@@ -22,6 +22,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.evaluate.gate import Gate
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_run
+from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import read_ply_scene
@@ -29,6 +30,8 @@ from gs2ci.render.ply import read_ply_scene
 # viser keeps covariances in half precision, whose smallest number is 6e-8: scenes are scaled so that what the cameras
 # look at is this far away.
 SHOWN_DEPTH: Final = 10.0
+# The largest size, in shown units, twice the square of which half precision holds: what lies far away is larger.
+_LARGEST_SIZE: Final = 170.0
 # Pictures on the cameras only need to be recognisable.
 PICTURE_SIDE_PX: Final = 320
 # A camera's symbol, as a share of the mean distance between neighbours, and of the depth where there is one camera.
@@ -68,7 +71,7 @@ class ViewerScene:
 
     @property
     def symbol(self) -> float:
-        """Get the size of a camera's symbol, in shown units."""
+        """Get how far a camera's symbol, with its picture, reaches ahead of it, in shown units."""
         steps = np.linalg.norm(np.diff(self.camera_to_world[:, :3, 3], axis=0), axis=1)
         most = SYMBOL_OF_DEPTH * SHOWN_DEPTH
         return float(np.clip(SYMBOL_OF_STEP * steps.mean(), 0.05 * most, most)) if len(steps) else most
@@ -88,14 +91,18 @@ def load_scene(folder: Path) -> ViewerScene:
         raise InputError(f"{Path(folder) / 'scene.ply'} holds no Gaussian", remedy="see report.html for why")
     poses = np.asarray(np.linalg.inv(evidence.world_to_camera), np.float64)
     middle = torch.from_numpy(evidence.world_to_camera[len(poses) // 2]).float()
+    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     scale = SHOWN_DEPTH / _typical_depth(gaussians.means.numpy(), evidence.world_to_camera)
-    axes = rotation_matrices(gaussians.quaternions) * (scale * gaussians.log_scales.exp())[:, None, :]
+    sizes = (scale * gaussians.log_scales.exp()).clamp(max=_LARGEST_SIZE)
+    axes = rotation_matrices(gaussians.quaternions) * sizes[:, None, :]
+    # What the fit added to variances in pixels of its views: the viewer adds as much in its own, which are smaller.
+    px = scale * (gaussians.means @ middle[2, :3] + middle[2, 3]).clamp(min=0) / min(focal_x_px, focal_y_px)
+    widened = (DILATION_PX2 * px**2).clamp(max=_LARGEST_SIZE**2)[:, None, None] * torch.eye(3)
     poses[:, :3, 3] *= scale
     height, width = evidence.views.shape[1:3]
-    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     return ViewerScene(
         means=(scale * gaussians.means).numpy(),
-        covariances=(axes @ axes.transpose(1, 2)).numpy(),
+        covariances=(axes @ axes.transpose(1, 2) + widened).numpy(),
         colours=colours_from(gaussians, middle).clamp(0, 1).numpy(),
         opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
         camera_to_world=poses,
@@ -196,7 +203,7 @@ def _show(server: Any, scene: ViewerScene) -> None:
             f"/cameras/{index + 1}",
             fov=scene.fov,
             aspect=scene.aspect,
-            scale=scene.symbol,
+            scale=scene.symbol * _volume_side(scene),
             thickness=SYMBOL_LINE_PX,
             thickness_units="screen",
             color=SYMBOL_COLOUR,
@@ -233,6 +240,16 @@ def _shares(errors: F32, means: F32, world_to_camera: F32) -> F32:
     """Return standard errors as shares of the distance from a camera, [G]."""
     distance = np.linalg.norm(means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3], axis=1)
     return (errors / np.maximum(distance, np.finfo(np.float32).tiny)).astype(np.float32)
+
+
+def _volume_side(scene: ViewerScene) -> float:
+    """Return the side of a cube of the volume of a symbol that reaches ahead by 1.
+
+    viser's `scale` is that side (`CameraFrustumVariants.tsx`, 1.1.1): the picture of a narrow lens lies several times
+    as far ahead.
+    """
+    half_height = np.tan(scene.fov / 2)
+    return float(np.cbrt(half_height * half_height * scene.aspect / 3))
 
 
 def _before_symbols(scene: ViewerScene) -> float:

@@ -144,7 +144,7 @@ def look(
         holdout, corrected = relit(holdout, light), True
     factors = _ratio(holdout.shot.weights, weights) if corrected else None
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
-    sigma = last_sigma(settings.first_look, settings.decode)
+    sigma = last_sigma(settings.first_look)
     found = FirstLook(holdout, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
     said(found.notes, progress)
     return found

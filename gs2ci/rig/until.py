@@ -15,6 +15,7 @@ import numpy as np
 
 from gs2ci.core.durations import parse_duration_s, spoken_duration
 from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.rig.session import SessionLog
@@ -81,6 +82,9 @@ class CaptureTarget:
             return None
         if self.kind == "views":
             mean_square = float(np.mean(np.square(errors.views, dtype=np.float64)))
+            # What held-out pixels say against the views counts as well, if it is more.
+            told = (note.figures["share"] for note in result.notes if note.kind is Code.VIEWS_ERR)
+            mean_square = max(mean_square, *(share * share for share in told if isinstance(share, float)), 0.0)
             return -10 * float(np.log10(max(mean_square, _LEAST_SQUARE)))
         if result.depth is None or errors.depth is None:
             return None

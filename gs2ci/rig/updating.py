@@ -18,7 +18,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.crop import middle
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, room_after
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.parameters import BY_NAME, PARAMETERS, let_in
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
@@ -291,6 +291,6 @@ def _keep(path: Path) -> Path:
         shutil.copy2(path, kept)
     except OSError as error:
         raise StorageError(
-            f"{kept}: the old bundle cannot be kept: {error}", remedy="free the disk, check the folder"
+            f"{kept}: the old bundle cannot be kept: {error}", remedy=f"{room_after(error)}, check the folder"
         ) from error
     return kept

@@ -72,14 +72,14 @@ def explain(plan: Plan, names: Sequence[str]) -> tuple[Explanation, ...]:
                 f"no effect {name!r} on this rig to explain",
                 allowed=", ".join((*decisions, ALL)),
                 remedy=f"give the rig file a table [effects.{name}] to see what it would do"
-                if name in {kind.name for kind in light_path()}
+                if name in {kind.name for kind in light_path(names)}
                 else "",
             )
     return tuple(_explained(plan, one) for name, one in decisions.items() if name in names or ALL in names)
 
 
 def _explained(plan: Plan, decision: Decision) -> Explanation:
-    kind = next(kind for kind in light_path() if kind.name == decision.name)
+    kind = next(kind for kind in light_path([decision.name]) if kind.name == decision.name)
     return Explanation(
         decision.name,
         _first_paragraph(kind.__doc__),

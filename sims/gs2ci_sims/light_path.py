@@ -5,7 +5,7 @@ themselves (`effects`), which ones a measurement needs (`planner`), the exposure
 """
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import is_dataclass, replace
 from functools import cache
 from typing import Any, Final, TypeVar
@@ -88,14 +88,17 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
 )
 
 
-def light_path() -> tuple[type[Effect], ...]:
+def light_path(wanted: Collection[str]) -> tuple[type[Effect], ...]:
     """Return the kinds of effects in their physical order, those of plug-ins last within their stage.
 
+    Args:
+        wanted: Names of effects: no other plug-ins are imported, which may be broken.
+
     Raises:
-        PluginError: A plug-in is no effect.
+        PluginError: One of these plug-ins is no effect.
     """
     path = list(LIGHT_PATH)
-    for kind in (_plugged(name) for name in names(EFFECT_GROUP)):
+    for kind in (_plugged(name) for name in names(EFFECT_GROUP) if name in wanted):
         same = [place for place, other in enumerate(path) if other.stage is kind.stage]
         path.insert(same[-1] + 1 if same else len(path), kind)
     return tuple(path)
@@ -104,10 +107,10 @@ def light_path() -> tuple[type[Effect], ...]:
 @cache
 def _plugged(name: str) -> type[Effect]:
     kind: Any = load(EFFECT_GROUP, name)
-    whole = all(hasattr(kind, part) for part in ("stage", "cost_ns", "fixed_pattern", "bound", "apply"))
-    if not (isinstance(kind, type) and is_dataclass(kind) and whole) or getattr(kind, "name", "") != name:
+    missing = [part for part in ("stage", "cost_ns", "fixed_pattern", "bound", "apply") if not hasattr(kind, part)]
+    if not (isinstance(kind, type) and is_dataclass(kind)) or missing or getattr(kind, "name", "") != name:
         raise PluginError(
-            f"the plug-in {name!r} is no effect",
+            f"the plug-in {name!r} is no effect" + (f": it has no {', no '.join(missing)}" if missing else ""),
             allowed="a frozen dataclass with what gs2ci_sims.effects.base.Effect asks for, and that name",
         )
     if name in {own.name for own in LIGHT_PATH}:
@@ -157,9 +160,9 @@ class EffectChain:
     """
 
     def __init__(self, effects: Sequence[Effect], seed: int, rig: RigFigures | None = None) -> None:
-        order = LIGHT_PATH if all(type(effect) in LIGHT_PATH for effect in effects) else light_path()
-        known = ", ".join(kind.name for kind in order)
         names = [effect.name for effect in effects]
+        order = LIGHT_PATH if all(type(effect) in LIGHT_PATH for effect in effects) else light_path(names)
+        known = ", ".join(kind.name for kind in order)
         for effect in effects:
             if type(effect) not in order:
                 raise InputError(f"effect {effect.name!r} has no place in the light path", allowed=known)

@@ -198,7 +198,7 @@ def _effect_kinds(tables: Any) -> dict[str, type[Effect]]:
     """Return the effects that tables may name; plug-ins are looked for where a name is none of ours."""
     kinds = {kind.name: kind for kind in LIGHT_PATH}
     plugged = isinstance(tables, Mapping) and not set(tables) <= set(kinds)
-    return {kind.name: kind for kind in light_path()} if plugged else kinds
+    return {kind.name: kind for kind in light_path(tables)} if plugged else kinds
 
 
 def _effects(kinds: Mapping[str, type[Effect]], tables: BaseModel | None) -> list[Effect]:

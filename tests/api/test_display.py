@@ -14,13 +14,13 @@ from tests.evaluate.reports import a_report
 
 
 class StepClock:
-    """A clock on which every look takes a second."""
+    """A clock on which every look takes a second, or as long as is said."""
 
-    def __init__(self):
-        self.now = 0.0
+    def __init__(self, look_s=1.0):
+        self.now, self.look_s = 0.0, look_s
 
     def now_s(self):
-        self.now += 1.0
+        self.now += self.look_s
         return self.now
 
     def sleep_s(self, duration_s):
@@ -110,13 +110,30 @@ def test_a_request_that_nobody_can_answer_is_a_clear_error(monkeypatch, where):
 
 def test_plain_output_is_one_line_per_stage_and_sentence():
     console = pipe()
-    with PlainDisplay(console, StepClock()) as display:
+    with PlainDisplay(console, StepClock(0.5)) as display:
         run_through(display)
     assert console.file.getvalue().splitlines() == [
         "The focal length was [estimated]: 70.4 pixels.",
-        "decode: 1.0 s, 40 steps",
-        "geometry: 1.0 s",
+        "decode: 20.5 s, 40 steps",
+        "geometry: 0.5 s",
         "fit: 1.0 s, 400 of 1000 steps, loss 0.0123 · held-out 0.0210 · 13 000 Gaussians",
+    ]
+
+
+def test_plain_output_tells_of_a_long_stage_now_and_then():
+    console, clock = pipe(), StepClock()
+    with PlainDisplay(console, clock) as display:
+        display.stage("candidates", 5)
+        for done in range(1, 6):
+            clock.sleep_s(20)
+            display.step(done, psnr_db=20.0 + done)
+        display.stage("checks", 1)
+        display.step(1)
+    assert console.file.getvalue().splitlines() == [
+        "candidates: so far 43.0 s, 2 of 5 steps, PSNR 22.00 dB",
+        "candidates: so far 86.0 s, 4 of 5 steps, PSNR 24.00 dB",
+        "candidates: 108.0 s, 5 steps, PSNR 25.00 dB",
+        "checks: 2.0 s, 1 step",
     ]
 
 
@@ -128,7 +145,7 @@ def test_what_is_done_after_a_stage_was_finished_is_not_its_own():
         display.finish()
         display.say("camera:")
         display.finish()
-    assert console.file.getvalue().splitlines() == ["masks: 1.0 s, 8 steps", "camera:"]
+    assert console.file.getvalue().splitlines() == ["masks: 2.0 s, 8 steps", "camera:"]
     with open_display(terminal()) as live:
         live.finish()
         live.stage("masks", 8)
@@ -143,7 +160,7 @@ def test_a_stage_may_turn_out_longer_or_shorter_than_it_was_said_to_be():
         display.stage("fit", 500)
         display.expect(800)
         display.step(700)
-    assert console.file.getvalue().splitlines() == ["fit: 1.0 s, 700 of 800 steps"]
+    assert console.file.getvalue().splitlines() == ["fit: 2.0 s, 700 of 800 steps"]
     live = terminal()
     with open_display(live) as display:
         display.expect(3)  # before any stage: nothing to draw
@@ -165,7 +182,7 @@ def test_plain_output_of_long_sentences_is_not_broken():
 def test_a_failing_stage_still_gets_its_line():
     console = pipe()
     fail_in(PlainDisplay(console, StepClock()))
-    assert console.file.getvalue().splitlines()[-1].startswith("fit: 1.0 s, 400 of 1000 steps")
+    assert console.file.getvalue().splitlines()[-1].startswith("fit: 2.0 s, 400 of 1000 steps")
 
 
 def test_the_display_is_chosen_by_where_output_goes():

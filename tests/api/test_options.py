@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gs2ci.api.options import MOST_COUNT, MOST_SEED, as_path, check_kind, check_number, check_seed, check_whole
+from gs2ci.api.options import MOST_COUNT, MOST_SEED, as_path, check_kind, check_number, check_seed, check_whole, every
 from gs2ci.core.errors import InputError
 
 
@@ -64,6 +64,11 @@ def test_values_are_of_the_kinds_that_an_option_has():
             check_kind("--geometry", other, str, "a text", remedy="ask somebody")
         assert caught.value.problem == f"--geometry is {type(other).__name__}"
         assert (caught.value.allowed, caught.value.remedy) == ("a text", "ask somebody")
+
+
+def test_a_single_text_is_one_of_several():
+    assert every("mask_s=1..2") == ("mask_s=1..2",)
+    assert every(["a", "b"]) == ("a", "b")
 
 
 def test_paths_are_texts_or_paths():

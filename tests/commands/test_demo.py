@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from gs2ci.api.demonstration import check_demo_place, demo_rig, write_rig
+from gs2ci.api.rigs import open_rig
 from gs2ci.commands import capture
 from gs2ci.commands.demo import run
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import read_shot
+from gs2ci_sims.sensor import SensorFigures
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +44,14 @@ def test_near_and_far_move_against_each_other_as_asked(shot):
 
 def test_nothing_tells_the_solver_how_the_stage_carries_the_camera(shot):
     assert shot.telemetry_world_to_camera is None
+
+
+@pytest.mark.parametrize("views", [8, 9, 12, 40])
+def test_a_white_scene_fits_the_sensors_well_under_any_number_of_masks(tmp_path, views):
+    with open_rig(demo_rig(tmp_path / "rig.toml", views=views, height=16, width=16)) as rig:
+        (bright,) = [one for one in rig.plan().plan.figures if one.what == "bright pixels of a white scene"]
+    assert not bright.broken
+    assert float(bright.value.split()[0]) > 0.75 * SensorFigures().full_well_e
 
 
 def test_no_parallax_at_all_is_a_rig_too(tmp_path):

@@ -1,11 +1,13 @@
 import io
 import json
+import re
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from gs2ci.api.plans import plan as plan_of
+from gs2ci.api.sweeps import TRAVEL_KEY, sweep
 from gs2ci.commands import plan
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.progress import Silent
@@ -236,7 +238,9 @@ def test_a_bench_is_swept_by_its_own_keys(bench, capsys):
         ({"sweep": ("plan.off=1..2",)}, "plan.off, which is"),
         ({"sweep": ("light.glow=1..2",)}, "glow"),
         ({"sweep": ("aperture=0.1..1",)}, "focus_depth"),
-        ({"sweep": ("mask_s=1..2",), "points": 1}, "1 points"),
+        ({"sweep": ("mask_s=1..2",), "points": 1}, "--points 1"),
+        ({"sweep": ("mask_s=5ms..20ms",)}, "range '5ms..20ms'"),
+        ({"sweep": ("trvel=1..2",)}, "a sweep of 'trvel'"),
         ({"sweep": ("scene.name.x=1..2",)}, "within scene.name, which is"),
         ({"picture": Path("x.png")}, "--picture without --sweep"),
         ({"sweep": ("mask_s=1..2",), "explain": ("all",)}, "--explain with --sweep"),
@@ -246,6 +250,23 @@ def test_a_sweep_that_cannot_be_is_refused(rig, options, words):
     rig.write_text(RIG.replace("height = 16", 'height = 16\nname = "planes"'), encoding="utf-8")
     with pytest.raises(InputError, match=words):
         plan.run(rig, **options)
+
+
+def test_what_the_rig_cannot_have_is_refused_before_any_plan_is_made(bench, monkeypatch):
+    monkeypatch.setattr("gs2ci_sims.sweeping.swept", lambda *_, **__: pytest.fail("a plan is made"))
+    with pytest.raises(InputError, match="'density' in"):
+        plan.run(bench, sweep=("travel=0.5..2", "capture.density=0.1..2"), points=3)
+
+
+def test_the_sweeps_of_the_page_are_of_numbers_that_the_rigs_have(monkeypatch):
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "commands" / "plan.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^    gs2ci plan (\S+) --sweep (.*?)(?: --.*)?$", page, re.MULTILINE)
+    assert len(lines) == 2
+    monkeypatch.setattr("gs2ci_sims.sweeping.swept", lambda *_, key, **__: key)
+    keys = [sweep(root / rig, text.replace(",", " ").split()) for rig, text in lines]
+    assert keys == [("path.parallax_px", "timing.interval_s"), (TRAVEL_KEY, "registration.superpixel")]
+    assert sweep(root / "docs" / "rigs" / "simulated.toml", "mask_s=0.01..0.02") == ("capture.mask_s",)
 
 
 def test_a_map_replaces_an_earlier_map_and_nothing_else(rig, tmp_path):

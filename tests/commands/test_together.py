@@ -1,11 +1,15 @@
 """`gs2ci reconstruct --together`: which exposures share a scene, and the run folder."""
 
+import io
 import json
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import gs2ci
+from gs2ci.api.shots import every_exposure
+from gs2ci.api.summary import print_summary
 from gs2ci.commands import evaluate, reconstruct
 from gs2ci.commands.reconstruct import chosen_exposures
 from gs2ci.core.errors import InputError, StorageError
@@ -49,6 +53,14 @@ def test_the_run_folder_holds_the_views_of_all_exposures(folder, shots):
     run = gs2ci.open_run(folder)
     assert run.views.shape == (16, *SIZE, 3)
     assert run.depth.shape == (16, *SIZE)
+
+
+@pytest.mark.slow
+def test_its_summary_counts_the_exposures(folder):
+    console = Console(file=io.StringIO(), width=100)
+    print_summary(folder, console)
+    assert "path 0 and 1 more: 16 views from 2 exposures" in console.file.getvalue()
+    assert "16 views from 2 exposures" in gs2ci.open_run(folder)._repr_html_()
 
 
 @pytest.mark.slow
@@ -120,6 +132,16 @@ def test_several_shots_are_reconstructed_together_only_if_that_is_asked_for(shot
 def three(shots, tmp_path_factory):
     """One file of three exposures under the same masks."""
     return write_shots(tmp_path_factory.mktemp("three") / "shots.h5", [shots[0]] * 3)
+
+
+def test_exposures_of_one_name_are_called_after_their_files(three, shots, tmp_path):
+    other = write_shots(tmp_path / "b.h5", [shots[0]])
+    assert [shot.name for shot in chosen_exposures([three], "1:")] == ["shots-1", "shots-2"]
+    names = ["shots-0", "shots-1", "shots-2", "b"]
+    assert [shot.name for shot in chosen_exposures([three, other], None)] == names
+    assert [shot.name for shot in every_exposure([three, other], together=True)] == names
+    assert [shot.name for shot in every_exposure([other, shots[1]], together=True)] == ["path 0", "path 1"]
+    assert [shot.name for shot in every_exposure([shots[0], shots[0]], together=True)] == ["path 0", "path 0"]
 
 
 def test_an_index_chooses_exposures_of_each_file(three, files):

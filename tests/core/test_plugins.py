@@ -4,7 +4,8 @@ import sys
 
 import pytest
 
-from gs2ci.core.plugins import GROUPS, PluginError, allowed, installed, load, names
+from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import GROUPS, PluginError, allowed, brought, called, installed, load, names
 
 RULES = "gs2ci.density_rules"
 
@@ -91,6 +92,50 @@ def test_the_command_lists_them_and_names_the_broken(package, gs2ci, capsys, mon
     assert "mine 1.5" in out
     assert "gs2ci reconstruct --density" in out
     assert "moon of mine 1.5 is left out: AttributeError" in out
+
+
+def test_the_list_keeps_brackets_and_long_places_in_a_narrow_terminal(package, gs2ci, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("gs2ci.api.plugins.installed", lambda _: installed())
+    package("mylab", {"gs2ci.effects": {"haze": "mylab:RULE"}, RULES: {"long": "mylab:A_RULE_WITH_A_LONG_NAME"}})
+    assert gs2ci("plugins") == 0
+    out = capsys.readouterr().out
+    assert "[effects.NAME] of a rig file" in out
+    assert "…" not in out
+
+
+@pytest.mark.parametrize("error", [ValueError("256 px"), OSError("no licence")], ids=["value", "os"])
+def test_what_a_plug_in_raises_names_it_and_its_place(error):
+    def brought(shot):
+        raise error
+
+    with pytest.raises(PluginError, match=rf"'mine' failed: {type(error).__name__}: .* of test_plugins.py\)") as caught:
+        called("mine", brought, 7)
+    assert caught.value.__cause__ is error
+    assert called("mine", len, "abc") == 3
+
+
+def test_what_a_plug_in_returns_fails_in_its_name_as_well(package):
+    source = "def make(seed):\n    def prior(x):\n        return x / seed\n    prior.name = 'mine'\n    return prior\n"
+    package("mine", {"gs2ci.priors": {"mine": "mine:make"}}, source)
+    assert brought("gs2ci.priors", "nobody") is None
+    prior = brought("gs2ci.priors", "mine", 0)
+    assert prior.name == "mine"
+    assert brought("gs2ci.priors", "mine", 2)(3) == 1.5
+    with pytest.raises(PluginError, match=r"'mine' failed: ZeroDivisionError: .* \(line 3 of mine\.py\)"):
+        prior(3)
+    with pytest.raises(PluginError, match="'mine' failed: TypeError"):
+        brought("gs2ci.priors", "mine")
+
+
+@pytest.mark.parametrize("error", [InputError("no light"), MemoryError(), KeyboardInterrupt()], ids=repr)
+def test_errors_that_say_enough_and_interruptions_pass_through_a_plug_in(error):
+    def brought():
+        raise error
+
+    with pytest.raises(type(error)) as caught:
+        called("mine", brought)
+    assert caught.value is error
 
 
 def test_without_plug_ins_the_command_says_how_to_make_one(gs2ci, capsys, monkeypatch):

@@ -49,10 +49,18 @@ def test_scenes_of_any_unit_are_shown_at_one_scale(write, scene, depth):
 def test_covariances_are_those_of_the_gaussians(write, scene):
     gaussians = replace(ahead(scene, SHOWN_DEPTH), log_scales=scene.log_scales - 3)
     shown = load_scene(write(gaussians, np.tile(np.eye(4), (3, 1, 1))))
-    wanted = torch.sort((2 * gaussians.log_scales).exp(), dim=1).values
+    # Wider by what the fit added in pixels of its views, whose focal length is 1.1 times their width of 16 px.
+    wanted = torch.sort((2 * gaussians.log_scales).exp(), dim=1).values + 0.3 * (SHOWN_DEPTH / (1.1 * 16)) ** 2
     np.testing.assert_allclose(np.linalg.eigvalsh(shown.covariances), wanted, rtol=1e-3, atol=1e-7)
     assert shown.opacities.shape == (50, 1)
     assert 0 <= shown.colours.min() <= shown.colours.max() <= 1
+
+
+def test_no_covariance_is_beyond_half_precision(write, scene):
+    gaussians = replace(ahead(scene, SHOWN_DEPTH), log_scales=scene.log_scales + 9)
+    shown = load_scene(write(gaussians, np.tile(np.eye(4), (3, 1, 1))))
+    assert np.isfinite(shown.covariances.astype(np.float16)).all()
+    assert np.linalg.eigvalsh(shown.covariances).max() > 25_000
 
 
 def test_harmonics_come_back_from_a_run_and_are_shown_as_the_middle_camera_sees_them(write, scene):
@@ -197,6 +205,10 @@ def test_viser_serves_the_scene_and_its_cameras(write, capsys):
         ahead_of_us = np.subtract(server.server.initial_camera.look_at, server.server.initial_camera.position)
         middle = scene.camera_to_world[1]
         place = np.subtract(server.server.initial_camera.position, middle[:3, 3])
+        # The picture of a symbol lies `scale` ahead, divided by the third root of a third of its half sides' product.
+        symbol = server.server.scene._handle_from_node_name["/cameras/2"]
+        half = np.tan(symbol.fov / 2)
+        assert symbol.scale / np.cbrt(half * half * symbol.aspect / 3) == pytest.approx(scene.symbol)
         # On the middle camera's axis, between all symbols of cameras and what is looked at.
         np.testing.assert_allclose(np.cross(place, middle[:3, 2]), 0, atol=1e-6)
         tips = scene.camera_to_world[:, :3, 3] + scene.symbol * scene.camera_to_world[:, :3, 2]

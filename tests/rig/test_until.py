@@ -1,6 +1,7 @@
 """Whether exposures are enough: what can be asked, when they are judged, and what is said of them."""
 
 import json
+import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.findings import Code, finding
 from gs2ci.rig.session import SessionLog
 from gs2ci.rig.until import CaptureTarget, Until, check_judged
 from gs2ci_drivers.plan import Mode
@@ -34,14 +36,14 @@ class Bench:
         return self.seconds
 
 
-def result(views=0.01, depth=0.02):
+def result(views=0.01, depth=0.02, notes=()):
     """A result whose standard errors are known: of views, and of depths of 2."""
     depths = np.full((2, 4, 5), 2.0, np.float32)
     depths[0, 0, 0] = 0
     errors = SimpleNamespace(
         views=np.full((2, 4, 5), views), depth=None if depth is None else np.full((2, 4, 5), depth)
     )
-    return SimpleNamespace(depth=depths, uncertainty=errors)
+    return SimpleNamespace(depth=depths, uncertainty=errors, notes=notes)
 
 
 def judged(text, solve, most=32, counts=range(1, 33)):
@@ -134,6 +136,20 @@ def test_what_says_nothing_of_the_target_or_fails_ends_nothing():
         == "2 exposures together: they give no standard error of depth, asked for depth 1 %"
     )
     assert [line["figure"] for line in log[:3]] == [None] * 3
+
+
+def test_views_that_held_out_pixels_expect_to_err_more_are_not_taken_for_better():
+    def expected(share):
+        return finding(Code.VIEWS_ERR, share=share, psnr_db=-20 * math.log10(share))
+
+    target = CaptureTarget("views", 30.0)
+    assert target.figure(result(views=0.01)) == pytest.approx(40)
+    assert target.figure(result(views=0.01, notes=[expected(0.1), expected(0.05)])) == pytest.approx(20)
+    assert target.figure(result(views=0.2, notes=[expected(0.1)])) == pytest.approx(-20 * math.log10(0.2))
+    own = expected(0.1)
+    of_one = finding(Code.OF_EXPOSURE, **{**own.figures, "name": "a-1", "sentence": own.sentence, "code": own.code})
+    assert target.figure(result(views=0.01, notes=[of_one])) == pytest.approx(20)
+    assert CaptureTarget("depth", 1.0).figure(result(depth=0.02, notes=[own])) == pytest.approx(1.0)
 
 
 def test_a_result_without_any_depth_gives_no_figure():

@@ -118,7 +118,7 @@ class Veil(EffectRecord):
 
 
 def test_an_effect_without_a_bound_is_simulated_however_little_it_does(scene, monkeypatch):
-    monkeypatch.setattr(light_paths, "light_path", lambda: (*light_paths.LIGHT_PATH, Veil))
+    monkeypatch.setattr(light_paths, "light_path", lambda *_: (*light_paths.LIGHT_PATH, Veil))
     decided = planned(scene, STILL, rig_with(), Veil(), tolerance_dn=5.0)
     assert "veil" in names(decided)
     (why,) = (decision.why for decision in decided.decisions if decision.name == "veil")

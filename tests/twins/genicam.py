@@ -5,7 +5,7 @@ those of `gs2ci_sims.wires.genicam`, with what a rig file cannot state. Not here
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -35,7 +35,8 @@ class GenicamModel(genicam.GenicamModel):
         tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
             the exposure set, ResultingFrameRate (Basler), "allied": AcquisitionFrameRateLimit (Allied Vision); "limit":
             from the limit of AcquisitionFrameRate, which follows the exposure; "nothing": that is a fixed number
-            (mvBlueFOX3).
+            (mvBlueFOX3), "balluff": from mvResultingFrameRate, AcquisitionFrameRate being not available
+            (mvBlueFOX3-2032G, firmware 2.25, as arv-tool lists its features).
         least_delay_us: Least TriggerDelay: 9 on a Blackfly S (blackfly_s.yaml of flir_camera_driver, "value >= 9").
         locks_triggers: Whether what a trigger is cannot be set while TriggerMode is On (Spinnaker's example Trigger:
             "The trigger must be disabled in order to configure" its source).
@@ -48,9 +49,12 @@ class GenicamModel(genicam.GenicamModel):
             arv_camera_set_exposure_time: XIMEA); 0: they are not.
         auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
         processing: Whether it has further features that change readings (`genicam_processing`).
-        debouncer_us: LineDebouncerTime at power-up, and its least value; None: it has none. A level counts once it has
+        debouncer: Name of its debouncer, which is an integer where makers have it so: LineDebouncerTimeRaw (Point Grey
+            Chameleon3), mvLineDebounceTimeRisingEdge (Balluff).
+        debouncer_us: Its time at power-up, and its least value; None: it has none. A level counts once it has
             lasted for that long, so that edges act later by as much and shorter pulses are lost
             (docs.baslerweb.com/line-debouncer; Basler aviator's manual: 10 us by default).
+        outputs: Lines on which the debouncer is not available (mvBlueFOX3-2032G, firmware 2.25, as arv-tool lists it).
         line_left: LineMode and LineInverter of each line, as another program has left them; None: it has no such
             features. An inverter turns edges round before anything else ("after any processing by the line inverter
             module", Teledyne Linea HS manual), and an output takes none.
@@ -60,6 +64,17 @@ class GenicamModel(genicam.GenicamModel):
             no such features. "If a DeviceLinkThroughputLimit is set and the unlimited link speed exceeds the set limit,
             the acquisition frame rate would be adjusted" (Balluff CA-SF, Optimizing the bandwidth); triggers before
             that are lost, as before AcquisitionFrameRate allows them.
+        packets: GevSCPD in ticks of 8 ns, as another program has left it, and GevSCPSPacketSize; None: it has no such
+            features. The camera pauses so long after each packet (aravis, arv_camera_gv_set_packet_delay), which holds
+            36 bytes that are no data.
+        stream_limit: StreamBytesPerSecond, and StreamFrameRateConstrain (Allied Vision, GigE Camera and Drivers
+            Features 2.0.0: "If False, frame rate is not limited to bandwidth"); None: it has none.
+        tells_latency: Whether it tells `latency_s` as BslExposureStartDelay (docs.baslerweb.com/exposure-start-delay).
+        delay_switch: Whether TriggerDelay has an effect only while TriggerDelayEnabled is on (Point Grey Chameleon3).
+        exposure: Name of its exposure: Ricoh's is ExposureTimeRaw (arvcamera.c, arv_camera_set_exposure_time).
+        latched: Where TimestampLatch puts the time: in TimestampLatchValue, or in Timestamp (Chameleon3, mvBlueFOX3).
+        armed: Whether TriggerArmed tells that it waits for triggers, instead of AcquisitionStatus (Lucid, Arena SDK).
+        left: Further features of triggers and streams, as another program has left them: see `_FURTHER`.
     """
 
     padding_bytes: int = 0
@@ -67,7 +82,7 @@ class GenicamModel(genicam.GenicamModel):
     gated: bool = True
     stamped: bool = True
     chunks: bool = True
-    tells: Literal["time", "rate", "allied", "limit", "nothing"] = "time"
+    tells: Literal["time", "rate", "allied", "balluff", "limit", "nothing"] = "time"
     least_delay_us: float = 0.0
     locks_triggers: bool = False
     has_activation: bool = True
@@ -78,10 +93,39 @@ class GenicamModel(genicam.GenicamModel):
     whole_us: int = 0
     auto_gain: float = 0.0
     processing: bool = False
+    debouncer: str = "LineDebouncerTime"
     debouncer_us: tuple[float, float] | None = None
+    outputs: tuple[str, ...] = ()
     line_left: tuple[Literal["Input", "Output"], bool] | None = None
     shutters: tuple[str, ...] = ()
     link: tuple[int, Literal["On", "Off"]] | None = None
+    packets: tuple[int, int] | None = None
+    stream_limit: tuple[int, bool] | None = None
+    tells_latency: bool = False
+    delay_switch: bool = False
+    exposure: str = "ExposureTime"
+    latched: Literal["TimestampLatchValue", "Timestamp"] = "TimestampLatchValue"
+    armed: bool = False
+    left: dict[str, FeatureValue] = field(default_factory=dict)
+
+
+TICKS_HZ = 125_000_000
+_FURTHER = {
+    "TriggerCacheEnable": lambda left: Node("boolean", left),
+    "AcquisitionBurstFrameCount": lambda left: Node("integer", left, lambda: 1.0, lambda: 1023.0),
+    "ExposureDelay": lambda left: Node("float", left, high=lambda: 5000.0, unit="us"),
+    "SyncInGlitchFilter": lambda left: Node("integer", left, high=lambda: 50_000.0),
+    "TriggerFilterTime": lambda left: Node("integer", left, high=lambda: 65_535.0),
+    "LineDebounceMode": lambda left: Node("enumeration", left, symbols=("Off", "Deglitch"), selector="LineSelector"),
+    "StreamHoldEnable": lambda left: Node("enumeration", left, symbols=("Off", "On")),
+    "AcquisitionFrameRateMode": lambda left: Node("enumeration", left, symbols=("Off", "On")),
+    "AcquisitionFrameRateTargetEnable": lambda left: Node("boolean", left),
+}
+"""Feature -> how it is made: Hikrobot's GigE manual, 9.7.4 (three triggers at most are kept) and 9.7.1 (frames of a
+burst follow one trigger); Daheng's MERCURY2 manual, 8.2.11 (0 to 5000 us between trigger and exposure); AVT GigE Camera
+Attributes 1.3.1 (about a nanosecond each, up to 50000); Imperx Cheetah manual; Allied Vision (a level has to last for
+LineDebounceDuration, here 100 us; StreamHoldEnable keeps frames in the camera); Daheng's and IDS' switches of the frame
+rate, here 25 Hz."""
 
 
 def pack_pfnc(pixels: U16, name: str, padding_bytes: int = 0) -> bytes:
@@ -95,11 +139,18 @@ class OddNodes(NodeTable):
 
     Args:
         barred: Tells whether a feature is.
+        absent: Tells whether a feature is not available now.
     """
 
-    def __init__(self, nodes: dict[str, Node], streaming: Callable[[], bool], barred: Callable[[str], bool]) -> None:
+    def __init__(
+        self,
+        nodes: dict[str, Node],
+        streaming: Callable[[], bool],
+        barred: Callable[[str], bool],
+        absent: Callable[[str], bool],
+    ) -> None:
         super().__init__(nodes, streaming)
-        self._barred = barred
+        self._barred, self._absent = barred, absent
         self._at_power_up = {name: node.value for name, node in nodes.items()}
 
     def add(self, name: str, node: Node) -> None:
@@ -116,11 +167,16 @@ class OddNodes(NodeTable):
         }
 
     def describe(self, name: str) -> Feature | None:
-        found = super().describe(name)
+        found = None if self._absent(name) else super().describe(name)
         return found and replace(found, writable=found.writable and not self._barred(name))
 
+    def read(self, name: str) -> FeatureValue:
+        if self._absent(name):
+            raise FeatureRefusalError(f"{name} is not available now")
+        return super().read(name)
+
     def write(self, name: str, value: FeatureValue) -> None:
-        if self._barred(name):
+        if self._barred(name) or self._absent(name):
             raise FeatureRefusalError(f"{name} is not writable now")
         super().write(name, value)
 
@@ -135,6 +191,8 @@ class GenicamTwin(genicam.GenicamTwin):
     def __init__(self, world, model=None, faults=None, *, rng=None) -> None:  # type: ignore[no-untyped-def]
         super().__init__(world, model or GenicamModel(), faults, rng=rng)
         self._shutter.least_period_s, self._shutter.debounce_s = self._least_period_s, self._debounce_s
+        self._shutter.keeps_edges = lambda: bool(self._left("TriggerCacheEnable", absent=False))
+        self._shutter.burst = lambda: int(self._left("AcquisitionBurstFrameCount", absent=1))
 
     def _power_up(self) -> None:
         self.nodes = OddNodes(
@@ -144,6 +202,11 @@ class GenicamTwin(genicam.GenicamTwin):
                 self.model.locks_triggers
                 and name in ("TriggerSource", "TriggerActivation", "TriggerDelay")
                 and self.nodes.read("TriggerMode") == "On"
+            ),
+            lambda name: (
+                bool(self.model.outputs)
+                and name == self.model.debouncer
+                and self.nodes.read("LineSelector") in self.model.outputs
             ),
         )
 
@@ -192,17 +255,44 @@ class GenicamTwin(genicam.GenicamTwin):
     def _unit_s(self) -> float:
         return TIME_UNITS_S[self.model.time_unit]
 
+    def _left(self, name: str, *, absent: FeatureValue) -> FeatureValue:
+        """Return one of the further features, or what holds where the camera has none."""
+        return self.nodes.of(name, self.model.trigger_input) if name in self.nodes else absent
+
+    def _delay_s(self) -> float:
+        on = not self.model.delay_switch or self.nodes.read("TriggerDelayEnabled")
+        return (super()._delay_s() if on else 0.0) + float(self._left("ExposureDelay", absent=0.0)) * US
+
+    def _exposure_s(self) -> float:
+        return self.nodes.number(self.model.exposure) * self._unit_s
+
     def _debounce_s(self) -> float:
-        if self.model.debouncer_us is None:
-            return 0.0
-        return self.nodes.of_number("LineDebouncerTime", self.model.trigger_input) * US
+        model = self.model
+        own_s = self.nodes.of_number(model.debouncer, model.trigger_input) * US if model.debouncer_us else 0.0
+        glitch_s = 1e-9 * float(self._left("SyncInGlitchFilter", absent=0))
+        filter_s = US * float(self._left("TriggerFilterTime", absent=0))
+        return own_s + glitch_s + filter_s + 100 * US * (self._left("LineDebounceMode", absent="Off") != "Off")
+
+    def _deliver(self, exposed: Exposed) -> None:
+        if self._left("StreamHoldEnable", absent="Off") == "Off":
+            super()._deliver(exposed)
 
     def _least_period_s(self) -> float:
-        limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
-        rate_s = 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
-        if not self.model.link or self.nodes.read("DeviceLinkThroughputLimitMode") == "Off":
-            return rate_s
-        return max(rate_s, self._payload_bytes() / self.nodes.number("DeviceLinkThroughputLimit"))
+        model, nodes = self.model, self.nodes
+        limited = "AcquisitionFrameRateEnable" in nodes and nodes.read("AcquisitionFrameRateEnable")
+        periods_s = [1 / nodes.number("AcquisitionFrameRate") if limited else 0.0]
+        if self._left("AcquisitionFrameRateMode", absent="Off") == "On" or self._left(
+            "AcquisitionFrameRateTargetEnable", absent=False
+        ):
+            periods_s.append(1 / 25)
+        if model.link and nodes.read("DeviceLinkThroughputLimitMode") != "Off":
+            periods_s.append(self._payload_bytes() / nodes.number("DeviceLinkThroughputLimit"))
+        if model.stream_limit and nodes.read("StreamFrameRateConstrain"):
+            periods_s.append(self._payload_bytes() / nodes.number("StreamBytesPerSecond"))
+        if model.packets:
+            per_packet = nodes.number("GevSCPSPacketSize") - 36
+            periods_s.append(self._payload_bytes() / per_packet * nodes.number("GevSCPD") / TICKS_HZ)
+        return max(periods_s)
 
     def _payload_bytes(self) -> int:
         _, _, height, width = self.region
@@ -229,15 +319,48 @@ class GenicamTwin(genicam.GenicamTwin):
         self._in_units(nodes)
         self._tell(nodes)
         self._line_up(nodes)
-        if model.link is not None:
+        self._limit(nodes)
+        self._add_makers_own(nodes)
+        if model.shutters:
+            nodes["SensorShutterMode"] = Node("enumeration", model.shutters[0], symbols=model.shutters, locked=True)
+        return nodes | (further_features() if model.processing else {})
+
+    def _limit(self, nodes: dict[str, Node]) -> None:
+        """Add what slows the link down."""
+        model = self.model
+        if model.link or model.packets or model.stream_limit:
             nodes["PayloadSize"] = Node("integer", fixed=True, read=self._payload_bytes)
+        if model.link is not None:
             nodes["DeviceLinkThroughputLimit"] = Node(
                 "integer", model.link[0], lambda: 1000.0, lambda: 400e6, locked=True, unit="Bps"
             )
             nodes["DeviceLinkThroughputLimitMode"] = Node("enumeration", model.link[1], symbols=("On", "Off"))
-        if model.shutters:
-            nodes["SensorShutterMode"] = Node("enumeration", model.shutters[0], symbols=model.shutters, locked=True)
-        return nodes | (further_features() if model.processing else {})
+        if model.stream_limit is not None:
+            limit, constrains = model.stream_limit
+            nodes["StreamBytesPerSecond"] = Node("integer", limit, lambda: 1e6, lambda: 124e6)
+            nodes["StreamFrameRateConstrain"] = Node("boolean", constrains)
+        if model.packets is not None:
+            ticks, size = model.packets
+            nodes["GevSCPD"] = Node("integer", ticks, high=lambda: 1e6)
+            nodes["GevSCPSPacketSize"] = Node("integer", size, lambda: 220.0, lambda: 9000.0)
+            nodes["GevTimestampTickFrequency"] = Node("integer", TICKS_HZ, fixed=True)
+
+    def _add_makers_own(self, nodes: dict[str, Node]) -> None:
+        """Give features makers' own names, and add those that only some have."""
+        model = self.model
+        if model.tells_latency:
+            nodes["BslExposureStartDelay"] = Node("float", model.latency_s / US, fixed=True, unit="us")
+        if model.delay_switch:
+            nodes["TriggerDelayEnabled"] = Node("boolean", False)
+        nodes[model.exposure] = nodes.pop("ExposureTime")
+        if model.stamped:
+            nodes[model.latched] = nodes.pop("TimestampLatchValue")
+        if model.armed:
+            del nodes["AcquisitionStatusSelector"]
+            nodes["TriggerArmed"] = nodes.pop("AcquisitionStatus")
+        for name, left in model.left.items():
+            nodes[name] = _FURTHER[name](left)
+            nodes[name].category = "AcquisitionControl"
 
     def _in_units(self, nodes: dict[str, Node]) -> None:
         """Count times in the camera's unit."""
@@ -258,9 +381,11 @@ class GenicamTwin(genicam.GenicamTwin):
         model = self.model
         if model.tells != "time":
             del nodes["SensorReadoutTime"]
-        if model.tells in ("rate", "allied"):
-            name = "ResultingFrameRate" if model.tells == "rate" else "AcquisitionFrameRateLimit"
-            nodes[name] = Node("float", fixed=True, read=self._highest_rate_hz)
+        rates = {"rate": "ResultingFrameRate", "allied": "AcquisitionFrameRateLimit", "balluff": "mvResultingFrameRate"}
+        if model.tells in rates:
+            nodes[rates[model.tells]] = Node("float", fixed=True, read=self._highest_rate_hz)
+        if model.tells == "balluff":
+            del nodes["AcquisitionFrameRate"]
         if model.tells == "limit":
             nodes["AcquisitionFrameRate"].high = self._highest_rate_hz
         if not model.stamped:
@@ -277,7 +402,7 @@ class GenicamTwin(genicam.GenicamTwin):
     def _line_up(self, nodes: dict[str, Node]) -> None:
         """Add what the camera's lines can be set to."""
         model, inputs = self.model, nodes["TriggerSource"].symbols
-        if model.debouncer_us is not None or model.line_left is not None:
+        if model.debouncer_us is not None or model.line_left is not None or "LineDebounceMode" in model.left:
             nodes["LineSelector"] = Node("enumeration", inputs[1], symbols=inputs[1:], category="DigitalIOControl")
         if model.line_left is not None:
             way, inverted = model.line_left
@@ -285,6 +410,8 @@ class GenicamTwin(genicam.GenicamTwin):
             nodes["LineInverter"] = Node("boolean", inverted, selector="LineSelector")
         if model.debouncer_us is not None:
             found_us, least_us = model.debouncer_us
-            nodes["LineDebouncerTime"] = Node(
-                *("float", found_us, lambda: least_us, lambda: 20e3, 0.1), selector="LineSelector", unit="us"
+            whole = model.debouncer.endswith("Raw") or model.debouncer.startswith("mv")
+            kind, step = ("integer", 1.0) if whole else ("float", 0.1)
+            nodes[model.debouncer] = Node(
+                *(kind, found_us, lambda: least_us, lambda: 20e3, step), selector="LineSelector", unit="us"
             )

@@ -1,4 +1,7 @@
-"""A shutter that loses edges as odd cameras do: behind a debouncer, after a start, within a limit of the frame rate."""
+"""A shutter that loses edges as odd cameras do: behind a debouncer, after a start, within a limit of the frame rate.
+
+Or it keeps those that come too early, or exposes several times for one.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +19,10 @@ class OddShutter(CameraShutter):
     """Returns the shortest time between exposures that a frame rate allows; an edge before that is lost."""
     debounce_s: Callable[[], float] = staticmethod(lambda: 0.0)
     """Returns for how long a level has to last before it counts; edges act that much later."""
+    keeps_edges: Callable[[], bool] = staticmethod(lambda: False)
+    """Returns whether an edge that comes too early begins an exposure as soon as one can."""
+    burst: Callable[[], int] = staticmethod(lambda: 1)
+    """Returns how many exposures follow an edge."""
     _latest: Edge | None = None
     _edges = 0
 
@@ -32,11 +39,18 @@ class OddShutter(CameraShutter):
         self._plan(later.when_s, lambda: act(later) if self._latest is edge else None)
 
     def _on_rise(self, when_s: float) -> None:
+        if self._how is Shutting.EDGE and when_s < self._busy_until_s and self.keeps_edges():
+            later_s = self._busy_until_s
+            self._plan(later_s, lambda: self._on_rise(later_s))
+            return
         if self._how in (Shutting.EDGE, Shutting.LEVEL) and when_s >= self._busy_until_s:
             self._edges += 1
             if self._edges <= self.ignored_triggers:
                 return
+        busy_s = self._busy_until_s
         super()._on_rise(when_s)
+        for _ in range(self.burst() - 1 if self._busy_until_s > busy_s else 0):
+            self._expose(self._busy_until_s, self._busy_until_s + self._exposure_s())
 
     def _expose(self, start_s: float, end_s: float) -> None:
         super()._expose(start_s, end_s)

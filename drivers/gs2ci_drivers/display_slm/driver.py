@@ -12,7 +12,7 @@ import numpy as np
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.display_slm.link import SlmLink
+from gs2ci_drivers.display_slm.link import BUSY_TIMEOUT_S, IMAGE_S, SlmLink
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, WIDTH, image
 from gs2ci_drivers.failures import NoAnswerError, SequenceError
@@ -20,7 +20,9 @@ from gs2ci_drivers.modulator import Modulator, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 
-_IMAGE_S: Final = 0.15
+_MEMORY_MODE: Final = "0"
+_MODE_S: Final = 40.0
+"""How long the change to it takes (manual of SLMFunc, SLM_Ctrl_WriteVI)."""
 _COMMAND_S: Final = 0.02
 _STEP_S: Final = 1e-3
 # Sums of the same times in another order differ by rounding; the host's timing is coarser than a microsecond.
@@ -46,10 +48,12 @@ class DisplaySlm(Modulator):
         self._link = SlmLink(name, port, clock)
         self._running: PatternSequence | None = None
         self._began_s = 0.0
+        self._shows_memory = False
         self._next_change = 0
 
     def _do_connect(self) -> ModulatorInfo:
         serial = self._link.ask("SN")
+        self._shows_memory = self._link.ask("VI") == _MEMORY_MODE
         return ModulatorInfo(
             model="Santec SLM-200 class",
             serial=serial,
@@ -75,19 +79,26 @@ class DisplaySlm(Modulator):
         return np.asarray(table[mask])
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
-        return sequence.count * (_IMAGE_S + 2 * _COMMAND_S) + 3 * _COMMAND_S
+        first_s = 0.0 if self._shows_memory else _MODE_S
+        return first_s + sequence.count * (IMAGE_S + 2 * _COMMAND_S) + 3 * _COMMAND_S
 
     def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
-        self._go_dark()
-        self._link.ask("VI 0")
+        self._show_memory()
+        self._go_dark()  # the slot on show cannot be overwritten (SLM_Ctrl_WriteMI)
         sent = 0
         for i, mask in enumerate(sequence.masks):
             self._link.ask(f"MI {i + 1}")
             frames = image(self.levels(mask, sequence.bit_depth))
-            self._link.send(frames, f"image for slot {i + 1}")
+            self._link.send_image(frames, f"image for slot {i + 1}")
             sent += len(frames)
             progress((i + 1) / sequence.count)
         return sent
+
+    def _show_memory(self) -> None:
+        """Have the panel show its memory instead of its video input, unless it does: that takes 40 s."""
+        if self._link.ask("VI") != _MEMORY_MODE:
+            self._link.ask(f"VI {_MEMORY_MODE}", BUSY_TIMEOUT_S)
+        self._shows_memory = True
 
     def _do_arm(self, sequence: PatternSequence) -> None:
         self._go_dark()

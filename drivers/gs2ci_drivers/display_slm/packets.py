@@ -2,8 +2,9 @@
 
 Here: bytes. Not here: the conversation (`driver`). Imported by the driver and tests.
 
-A frame has 16 bytes, big-endian — "SEND", u16 length code, one zero byte, u8 kind, u32 number, four zero bytes —
-and its payload. Known from public driver text only, not from the vendor.
+A frame has 16 bytes — "SEND", u16 length code (high byte first), one zero byte, u8 kind, one zero byte, the row's
+number in three bytes (low byte first), four zero bytes — and its payload (SlmCtrl.m, Santec Corporation, 2022:
+slm_Ctrl_WriteXX, RequestReceiveData, slm_Ctrl_WriteMI). Lengths of whole frames are inferred from it.
 """
 
 import enum
@@ -22,7 +23,7 @@ SLOTS: Final = 128
 HEADER_BYTES: Final = 16
 TEXT_BYTES: Final = 1024
 ROW_BYTES: Final = 4096
-_HEADER: Final = struct.Struct(">4sHxBI4x")
+_HEADER: Final = struct.Struct(">4sHxBx3s4x")
 _SIGNATURE: Final = b"SEND"
 _TEXT_CODE: Final = 0x00FF
 _ROW_CODE: Final = 0x03BF
@@ -42,20 +43,24 @@ class SlmFrameKind(enum.IntEnum):
 
 
 def control(text: str) -> bytes:
-    """Build a command frame: two letters, numbers, carriage return.
+    """Build a command frame: two letters, numbers, line feed.
 
     Raises:
         InputError: Not ASCII, or longer than the frame.
     """
     if not text.isascii() or not text.isprintable() or len(text) >= TEXT_BYTES:
         raise InputError(f"command {text!r}", allowed=f"printable ASCII below {TEXT_BYTES} characters")
-    payload = text.encode("ascii") + b"\r"
-    return _HEADER.pack(_SIGNATURE, _TEXT_CODE, SlmFrameKind.CONTROL, 0) + payload.ljust(TEXT_BYTES, b"\0")
+    payload = text.encode("ascii") + b"\n"
+    return _header(_TEXT_CODE, SlmFrameKind.CONTROL) + payload.ljust(TEXT_BYTES, b"\0")
 
 
 def status_request() -> bytes:
     """Build the frame that requests the status of the last command."""
-    return _HEADER.pack(_SIGNATURE, 0, SlmFrameKind.STATUS_REQUEST, 0)
+    return _header(0, SlmFrameKind.STATUS_REQUEST)
+
+
+def _header(code: int, kind: SlmFrameKind, row: int = 0) -> bytes:
+    return _HEADER.pack(_SIGNATURE, code, kind, row.to_bytes(3, "little"))
 
 
 def image(levels: U16) -> bytes:
@@ -73,7 +78,7 @@ def image(levels: U16) -> bytes:
             allowed=f"[{HEIGHT}, {WIDTH}] with levels up to {TOP_LEVEL}",
         )
     frames = np.zeros((HEIGHT, HEADER_BYTES + ROW_BYTES), np.uint8)
-    headers = b"".join(_HEADER.pack(_SIGNATURE, _ROW_CODE, SlmFrameKind.IMAGE_ROW, row) for row in range(HEIGHT))
+    headers = b"".join(_header(_ROW_CODE, SlmFrameKind.IMAGE_ROW, row) for row in range(HEIGHT))
     frames[:, :HEADER_BYTES] = np.frombuffer(headers, np.uint8).reshape(HEIGHT, HEADER_BYTES)
     pixels = np.ascontiguousarray(levels, "<u2").view(np.uint8)
     frames[:, HEADER_BYTES : HEADER_BYTES + 2 * WIDTH] = pixels.reshape(HEIGHT, 2 * WIDTH)

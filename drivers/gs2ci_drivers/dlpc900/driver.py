@@ -62,6 +62,7 @@ _FIXED_EXCHANGES: Final = 20
 # The start command and its answer over USB; a capture corrects this figure by its first frame.
 _TYPICAL_START_S: Final = 5e-3
 _TELLS_LEAST_SINCE: Final = 6  # major version of the firmware
+_TELLS_NOTHING: Final = (0,) * 8
 _UNSETTLED: Final = "trigger_out_2_bit is not stated"
 _GREY: Final = "under a lamp that stays on, bit planes of short weight are lit for as long as the mirrors take to load"
 
@@ -160,7 +161,7 @@ class Dlpc900(Modulator):
                 remedy="power-cycle the board; if it stays so, reflash its firmware, both files of it, -primary and "
                 "-secondary",
             )
-        told = self._least_exposures_us() if versions.application.major >= _TELLS_LEAST_SINCE else (0,) * 8
+        told = self._least_exposures_us() if versions.application.major >= _TELLS_LEAST_SINCE else _TELLS_NOTHING
         return self._describe(f"{versions.application} {tag}".strip(), told)
 
     def _least_exposures_us(self) -> tuple[int, ...]:
@@ -173,7 +174,7 @@ class Dlpc900(Modulator):
         try:
             return decode_least_exposures(self._channel.read(Command.LEAST_EXPOSURES, asked, length=16))
         except RefusedError:  # it does not know the command
-            return (0,) * 8
+            return _TELLS_NOTHING
 
     def _describe(self, version: str, told_us: Sequence[int]) -> ModulatorInfo:
         model, gate = self._model, self.settings.trigger_out_1

@@ -1,9 +1,10 @@
 """The offset between the camera's clock and the computer's, which converts a camera's stamps to the bench's time.
 
 A GenICam camera stamps by a counter of its own, which begins at power-on. Latching that counter (SFNC 2:
-TimestampLatch, TimestampLatchValue in nanoseconds; GigE Vision 1.x: GevTimestampControlLatch, GevTimestampValue in
-ticks of GevTimestampTickFrequency) between two readings of the computer's clock gives their difference, to within half
-the time between the two readings.
+TimestampLatch, TimestampLatchValue in nanoseconds; USB3 Vision's own registers, where a camera has no other: Timestamp,
+which holds what TimestampLatch latched; GigE Vision 1.x: GevTimestampControlLatch, GevTimestampValue in ticks of
+GevTimestampTickFrequency) between two readings of the computer's clock gives their difference, to within half the time
+between the two readings. Of a Timestamp that counts on after it was latched, the reading lies between the two as well.
 
 Here: latching and converting. Not here: what a stamp is the time of (`GenicamOptions.stamps`).
 """
@@ -45,6 +46,7 @@ class CameraClock:
                 pair
                 for pair in (
                     ("TimestampLatch", "TimestampLatchValue"),
+                    ("TimestampLatch", "Timestamp"),
                     ("GevTimestampControlLatch", "GevTimestampValue"),
                 )
                 if features.has(pair[0]) and features.has(pair[1])
@@ -73,6 +75,8 @@ class CameraClock:
             ticks = self._features.number(value)
             if ticks is None:
                 return
+            if value == "Timestamp":
+                after_ns = self._port.clock_ns()
             middle_ns = (before_ns + after_ns) / 2
             found.append(
                 _Latched(middle_ns - ticks * ns_per_tick, ns_per_tick, (after_ns - before_ns + 1) // 2, after_ns)

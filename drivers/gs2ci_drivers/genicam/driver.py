@@ -123,22 +123,28 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
             return self._port.start(config.buffers, setup.chunks)
 
     def _wait_until_ready(self) -> None:
-        """Wait until the camera reports that it waits for triggers, if it can (SFNC: AcquisitionStatus).
+        """Wait until the camera reports that it waits for triggers, if it can.
+
+        SFNC: AcquisitionStatus; Lucid: TriggerArmed (Arena SDK, example Cpp_Trigger: "Wait until trigger is armed").
 
         Raises:
             DeviceFaultError: It does not within `READY_PATIENCE_S`.
         """
         features = self._features
-        if not features.has("AcquisitionStatusSelector", "FrameTriggerWait") or not features.has("AcquisitionStatus"):
+        if features.has("AcquisitionStatusSelector", "FrameTriggerWait") and features.has("AcquisitionStatus"):
+            features.write("AcquisitionStatusSelector", "FrameTriggerWait")
+            name, words = "AcquisitionStatus", "AcquisitionStatus[FrameTriggerWait]"
+        elif features.has("TriggerArmed"):
+            name = words = "TriggerArmed"
+        else:
             return
-        features.write("AcquisitionStatusSelector", "FrameTriggerWait")
         until_s = self.clock.now_s() + READY_PATIENCE_S
-        while not features.read("AcquisitionStatus"):
+        while not features.read(name):
             if self.clock.now_s() > until_s:
                 raise DeviceFaultError(
                     self.name,
                     "AcquisitionStart",
-                    [f"AcquisitionStatus[FrameTriggerWait] was false for {READY_PATIENCE_S:g} s"],
+                    [f"{words} was false for {READY_PATIENCE_S:g} s"],
                     remedy="check trigger_selector and trigger_line in [sensor]: another trigger may be on",
                 )
             self.clock.sleep_s(READY_STEP_S)

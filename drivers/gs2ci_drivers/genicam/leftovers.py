@@ -21,12 +21,22 @@ from gs2ci_drivers.ports import Feature, FeatureValue
 DEBOUNCERS: Final = (
     "LineDebouncerTime",
     "LineDebouncerTimeAbs",
+    "LineDebouncerTimeRaw",
     "LineDebouncerHighTimeAbs",
     "LineDebouncerLowTimeAbs",
+    "LineDebounceDuration",
+    "LineFilterWidth",
     "BslInputFilterTime",
+    "TriggerFilterRaisingEdge",
+    "TriggerFilterFallingEdge",
+    "mvLineDebounceTimeRisingEdge",
+    "mvLineDebounceTimeFallingEdge",
 )
 """Times for which a line's level has to last before it counts, chosen by LineSelector: a trigger acts later by as much,
-and one that is shorter is lost (docs.baslerweb.com/line-debouncer and /input-filter; Baumer VLXT manual, Debouncer)."""
+and one that is shorter is lost (docs.baslerweb.com/line-debouncer and /input-filter; Baumer VLXT manual, Debouncer;
+Point Grey Chameleon3 by klecknerlab/simple_pyspin 651845ad, pages of cameras: LineDebouncerTimeRaw "in microseconds";
+Allied Vision; FLIR: "filter width in microseconds"; Daheng MER-G manual, Input Debouncer; Balluff BVS CA-GT, Working
+with debouncing filters: "this mechanism delays the image acquisition")."""
 SHUTTERS: Final = ("SensorShutterMode", "ShutterMode")
 ALL_ROWS_AT_ONCE: Final = ("Global", "GlobalReset", "GlobalResetRelease")
 """Shutters under which all rows see all masks, the best first (SFNC 2.7, SensorShutterMode; docs.baslerweb.com,
@@ -36,6 +46,13 @@ NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "SequencerMode": "Off",
     "TriggerDivider": 1,
     "TriggerMultiplier": 1,
+    "TriggerCacheEnable": False,
+    "AcquisitionBurstFrameCount": 1,
+    "ExposureDelay": 0.0,
+    "LineDebounceMode": "Off",
+    "SyncInGlitchFilter": 0,
+    "TriggerFilterTime": 0,
+    "StreamHoldEnable": "Off",
     **dict.fromkeys(DEBOUNCERS, 0.0),
     "ImageCompressionMode": "Off",
     "BinningHorizontal": 1,
@@ -53,6 +70,8 @@ NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "DigitalShift": 0,
     "AcquisitionFrameRateEnable": False,
     "AcquisitionFrameRateEnabled": False,
+    "AcquisitionFrameRateMode": "Off",
+    "AcquisitionFrameRateTargetEnable": False,
     "ColorTransformationEnable": False,
     "BslBrightness": 0.0,
     "BslContrast": 0.0,
@@ -69,10 +88,19 @@ NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "HueEnabled": False,
 }
 """Features that would alter the picture or hold triggers back, each with its neutral value: SFNC 2 and SFNC 1, Basler's
-(docs.baslerweb.com: Digital Shift, Brightness and Contrast, Noise Reduction, Sharpness Enhancement) and FLIR's."""
+(docs.baslerweb.com: Digital Shift, Brightness and Contrast, Noise Reduction, Sharpness Enhancement) and FLIR's. Those
+of triggers: TriggerCacheEnable keeps a trigger that comes too early for later (Hikrobot GigE manual, 9.7.4), more than
+one frame of a burst follow one trigger (9.7.1); ExposureDelay lies between trigger and exposure (Daheng MERCURY2
+manual, 8.2.11); SyncInGlitchFilter "increases latency of FrameTrigger by same amount" (AVT GigE Attributes 1.3.1);
+TriggerFilterTime ignores shorter pulses (Imperx Cheetah manual); StreamHoldEnable keeps frames in the camera (Allied
+Vision, GigE Camera and Drivers Features 3.0.0); AcquisitionFrameRateMode is Daheng's switch of the
+frame rate, AcquisitionFrameRateTargetEnable that of IDS."""
 TOGETHER: Final = {
     "AcquisitionFrameRateEnable": "AcquisitionFrameRate",
     "AcquisitionFrameRateEnabled": "AcquisitionFrameRate",
+    "AcquisitionFrameRateMode": "AcquisitionFrameRate",
+    "AcquisitionFrameRateTargetEnable": "AcquisitionFrameRateTarget",
+    "LineDebounceMode": "LineDebounceDuration",
 }
 """A switch that stays as it is if the rig file requests what it switches on."""
 ELSEWHERE: Final = frozenset(
@@ -140,14 +168,15 @@ class Leftovers:
         self._name_switches(listed)
 
     def _set(self, name: str, neutral: FeatureValue) -> None:
-        found = self._features.find(name)
-        if found is None or not (found.readable and found.writable):
-            return
-        if found.kind == "enumeration" and neutral not in found.symbols:
-            return
-        if found.kind in ("integer", "float"):
-            neutral = min(max(float(neutral), found.low), found.high)
-        for entry in self._entries(found):
+        chosen = self._features.find(name)
+        for entry in () if chosen is None else self._entries(chosen):
+            found = self._features.find(name)  # an output has no debouncer (mvBlueFOX3)
+            if found is None or not (found.readable and found.writable):
+                continue
+            if found.kind == "enumeration" and neutral not in found.symbols:
+                continue
+            if found.kind in ("integer", "float"):
+                neutral = min(max(float(neutral), found.low), found.high)
             left = self._features.read(name)
             # Of a range of 20 ms, ten microseconds are nothing, and of a trigger pulse all.
             if left == neutral or (name not in DEBOUNCERS and _same(left, neutral, found)):
@@ -238,17 +267,23 @@ class Leftovers:
         return {name: self._features.read(name) for name, found in there if found is not None and found.readable}
 
     def _entries(self, found: Feature) -> Iterator[str]:
-        """Choose each entry of the feature's selector in turn; "" once if there is none. The choice is put back."""
-        selector = found.selectors[0] if found.selectors else ""
-        choice = self._features.find(selector) if selector else None
+        """Choose each entry of the feature's selectors in turn; "" once if there is none. The choices are put back."""
+        yield from (", ".join(chosen) for chosen in self._chosen(found.selectors))
+
+    def _chosen(self, selectors: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+        if not selectors:
+            yield ()
+            return
+        selector, choice = selectors[0], self._features.find(selectors[0])
         if choice is None or choice.kind != "enumeration" or not choice.writable:
-            yield ""
+            yield from self._chosen(selectors[1:])
             return
         before = self._features.read(selector)
         try:
             for entry in choice.symbols:
                 self._features.write(selector, entry)
-                yield entry
+                for others in self._chosen(selectors[1:]):
+                    yield (entry, *others)
         finally:
             self._features.write(selector, before)
 

@@ -7,8 +7,9 @@ spellings of exposure and gain. Not here: which features make up a set-up (`setu
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.ports import CameraPort, Feature, FeatureValue, port_errors
 
-EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
-"""SFNC 2 and SFNC 1, both in microseconds."""
+EXPOSURES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+"""SFNC 2 and SFNC 1, both in microseconds; Ricoh's only one, whole microseconds (aravis 98c2d790, arvcamera.c,
+arv_camera_set_exposure_time: ARV_CAMERA_SERIES_RICOH). Where others have the last, they have another, too."""
 GAINS = ("Gain", "GainAbs")
 """SFNC 2 and SFNC 1; by the node's unit in decibels or a factor (Chromasens)."""
 SECONDS = {"us": 1e-6, "µs": 1e-6, "μs": 1e-6, "": 1e-6, "ns": 1e-9, "ms": 1e-3, "s": 1.0}

@@ -47,7 +47,8 @@ class GenicamOptions(CameraOptions):
     """Delay after a trigger that the camera is set to (SFNC: TriggerDelay); 0 takes the least that it has, which the
     plan counts."""
     trigger_latency_s: Delay = 0.0
-    """Further time from a trigger to the exposure, from the data sheet: opto-couplers take microseconds."""
+    """Further time from a trigger to the exposure, from the data sheet: opto-couplers take microseconds. What the
+    camera tells itself (Basler: BslExposureStartDelay) is counted without it."""
     features: dict[str, bool | int | float | str] = Field(default_factory=dict)
     """[sensor.features]: further features by name, written in this order."""
     exposure_offset_s: Offset = 0.0

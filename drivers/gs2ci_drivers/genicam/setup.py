@@ -16,7 +16,7 @@ from gs2ci_drivers.genicam.leftovers import SHUTTERS, Leftovers
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.genicam.trigger import Trigger
-from gs2ci_drivers.ports import CameraIdentity, Feature
+from gs2ci_drivers.ports import CameraIdentity, Feature, FeatureValue
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 
 US: Final = 1e-6
@@ -30,10 +30,21 @@ RATES: Final = (
     "BslResultingAcquisitionFrameRate",
     "AcquisitionResultingFrameRate",
     "AcquisitionFrameRateLimit",
+    "mvResultingFrameRate",
 )
 """The highest frame rate with the present settings, in Hz, by makers' own features: Basler's (manual: "Resulting
-Acquisition Frame Rate"; its reciprocal is the shortest period of triggers), FLIR's and Allied Vision's (GigE Camera and
-Drivers Features 3.0.0: "the maximum frame rate possible for the current exposure duration and image format")."""
+Acquisition Frame Rate"; its reciprocal is the shortest period of triggers), FLIR's, Allied Vision's (GigE Camera and
+Drivers Features 3.0.0: "the maximum frame rate possible for the current exposure duration and image format") and
+Balluff's (mvBlueFOX3, firmware 2.25: AcquisitionFrameRate is not available while its switch is off)."""
+LIMITS: Final[dict[str, tuple[str, FeatureValue]]] = {
+    "DeviceLinkThroughputLimit": ("DeviceLinkThroughputLimitMode", "Off"),
+    "StreamBytesPerSecond": ("StreamFrameRateConstrain", False),
+}
+"""Limits of the link in bytes a second, each with the switch that says that it does not lower the frame rate: SFNC's,
+and that of Allied Vision's GigE cameras (GigE Camera and Drivers Features 2.0.0)."""
+PACKET_HEADERS: Final = 36
+"""Bytes of a GigE Vision packet that are no data: 20 of IP, 8 of UDP, 8 of GVSP (GigE Vision 1.2; aravis 98c2d790,
+arvgvspprivate.h, ARV_GVSP_PACKET_PROTOCOL_OVERHEAD)."""
 
 
 def describe_camera(features: Features, identity: CameraIdentity, options: GenicamOptions) -> SensorInfo:
@@ -322,19 +333,36 @@ class GenicamSetup:
         Args:
             taken_s: How long exposure and readout of a frame take.
         """
-        features = self._features
-        limit, size = features.number("DeviceLinkThroughputLimit"), features.number("PayloadSize")
-        off = features.has("DeviceLinkThroughputLimitMode") and features.read("DeviceLinkThroughputLimitMode") == "Off"
-        if not limit or not size or off:
+        size = self._features.number("PayloadSize")
+        if not size:
             return 0.0
-        link_s = size / limit
+        limits = [(size / limit, f"{name} is {limit / 1e6:g} MB/s", name) for name, limit in self._limits_in_force()]
+        delayed_s = self._delays_s(size)
+        limits.append((delayed_s, f"GevSCPD adds {delayed_s * 1e3:.3g} ms between a frame's packets", "GevSCPD"))
+        link_s, words, name = max(limits)
         if link_s > taken_s:
             self._incidents.append(
-                f"{self._device}: DeviceLinkThroughputLimit is {limit / 1e6:g} MB/s: a frame takes {link_s * 1e3:.3g} "
-                f"ms to leave the camera, longer than the {taken_s * 1e3:.3g} ms of its exposure and readout, and "
-                "earlier triggers would be lost; plans keep to it, [sensor.features] can raise it"
+                f"{self._device}: {words}: a frame takes {link_s * 1e3:.3g} ms to leave the camera, longer than the "
+                f"{taken_s * 1e3:.3g} ms of its exposure and readout, and earlier triggers would be lost; plans keep "
+                f"to it, {name} in [sensor.features] can change it"
             )
         return link_s
+
+    def _limits_in_force(self) -> list[tuple[str, float]]:
+        features, found = self._features, []
+        for name, (switch, off) in LIMITS.items():
+            limit = features.number(name)
+            if limit and not (features.has(switch) and features.read(switch) == off):
+                found.append((name, limit))
+        return found
+
+    def _delays_s(self, size: float) -> float:
+        """Return how long the pauses between the packets of a frame are (aravis, arv_camera_gv_set_packet_delay)."""
+        number = self._features.number
+        ticks, packet = number("GevSCPD"), number("GevSCPSPacketSize")
+        if not ticks or not packet or packet <= PACKET_HEADERS:
+            return 0.0
+        return size / (packet - PACKET_HEADERS) * ticks / (number("GevTimestampTickFrequency") or 1e9)
 
     def _rolls(self) -> bool:
         found = self._features.first(SHUTTERS)

@@ -14,6 +14,12 @@ from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.ports import FeatureValue
 from gs2ci_drivers.sensor import TriggerMode
 
+US: Final = 1e-6
+START_DELAYS: Final = ("BslExposureStartDelay",)
+"""Time from a trigger to its exposure with the present settings, in microseconds; line, debouncer and TriggerDelay come
+on top (docs.baslerweb.com/exposure-start-delay and /acquisition-timing-information)."""
+OTHER_EDGE: Final = {"RisingEdge": ("Falling", "Low"), "FallingEdge": ("Rising", "Raising", "High")}
+"""What the names of debouncers contain that delay the other edge."""
 AS_WIRED: Final[dict[str, FeatureValue]] = {"LineMode": "Input", "LineInverter": False}
 """What the trigger's line has to be: an inverter lies before TriggerActivation (Teledyne Linea HS manual: "after any
 processing by the line inverter module"), so that rising edges would be falling ones, a pulse later."""
@@ -83,10 +89,14 @@ class Trigger:
                 self._wire()
             self.delay_s = set_s + self._debounced_s() + options.trigger_latency_s
         features.write("TriggerMode", "On")
+        self.delay_s += sum(US * (features.number(name) or 0.0) for name in START_DELAYS)
 
     def _set_delay_s(self) -> float:
         """Set TriggerDelay to what is requested, or to its least; return it."""
-        options, delay = self._options, self._features.first(("TriggerDelay", "TriggerDelayAbs"))
+        options = self._options
+        # Without its switch a Point Grey's TriggerDelay has no effect (Chameleon3: TriggerDelayEnabled, False).
+        self._features.write_if_there("TriggerDelayEnabled", options.trigger_delay_s > 0)
+        delay = self._features.first(("TriggerDelay", "TriggerDelayAbs"))
         if delay is not None:
             unit_s = seconds_per_unit(self._device, *delay)
             least = delay[1].low if not options.trigger_delay_s else 0.0
@@ -114,22 +124,27 @@ class Trigger:
                 features.write("LineSelector", before)
 
     def _wire(self) -> None:
-        """Have the chosen line take edges as they are."""
+        """Have the chosen line take edges as they are, and at once: another line may have had no debouncer to reset."""
         features = self._features
-        for name, wanted in AS_WIRED.items():
+        for name, neutral in (AS_WIRED | dict.fromkeys(DEBOUNCERS, 0.0)).items():
             found = features.find(name)
             if found is None or not (found.readable and found.writable) or name in self._options.features:
                 continue
+            wanted = max(neutral, found.low) if isinstance(neutral, float) else neutral
             if (left := features.read(name)) != wanted:
                 features.write(name, wanted)
+                how = "trigger_activation in [sensor] chooses the edge" if name in AS_WIRED else ""
                 self._notes.append(
                     f"{self._device}: {name} of {self._options.trigger_line} was {left} and has been reset to "
-                    f"{wanted}; trigger_activation in [sensor] chooses the edge"
+                    f"{wanted}; {how or '[sensor.features] can set it'}"
                 )
 
     def _debounced_s(self) -> float:
         """Return how much later an edge acts, because its level has to last."""
-        debouncer = self._features.first(DEBOUNCERS)
-        if debouncer is None or not debouncer[1].readable:
-            return 0.0
-        return seconds_per_unit(self._device, *debouncer) * float(self._features.read(debouncer[0]))
+        longest_s, others = 0.0, OTHER_EDGE[self._options.trigger_activation]
+        for name in DEBOUNCERS:
+            found = None if any(part in name for part in others) else self._features.find(name)
+            time = self._features.number(name) if found is not None else None
+            if found is not None and time:
+                longest_s = max(longest_s, time * seconds_per_unit(self._device, name, found))
+        return longest_s

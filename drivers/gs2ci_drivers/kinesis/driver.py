@@ -13,6 +13,7 @@ Here: what a stage does, in messages of the APT protocol. Not here: bytes (`pack
 - A move is not acknowledged, and its end is told by a message that other programs may have switched off
   (MGMSG_MOT_SUSPEND_ENDOFMOVEMSGS): the driver asks for the state instead. For a moment after the request the status
   does not yet show the motion; a move counts as begun for that long.
+- Brushless controllers read counts and travel from the stage's plug: another stage than the rig file's is refused.
 - A stop decelerates (parameter 2); at once (1) loses the position of stepper motors.
 """
 
@@ -42,15 +43,17 @@ from gs2ci_drivers.kinesis.packets import (
     MOTHERBOARD,
     MOVING,
     PROFILED_STOP,
+    STAGE_AXIS_BYTES,
     AptStatus,
     Message,
     move_absolute,
     parse_info,
+    parse_stage_memory,
     set_overshoot,
     set_speed,
     short,
 )
-from gs2ci_drivers.kinesis.stages import STAGES
+from gs2ci_drivers.kinesis.stages import BRUSHLESS_SAMPLE_S, STAGES
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import Stage, StageInfo, StageStatus
 
@@ -81,6 +84,7 @@ class KinesisStage(Stage):
             axis: replace(STAGES[model], counts_per_mm=options.counts_per_mm.get(axis, STAGES[model].counts_per_mm))
             for axis, model in options.stages.items()
         }
+        self._unstated = options.stages.keys() - options.counts_per_mm.keys()
         self._main = MOTHERBOARD if any(options.axes.values()) else CUBE
         sources = frozenset({self._main, *self._dest.values()})
         self._link = AptLink(name, port, clock, sources=sources, incidents=self.incidents)
@@ -114,6 +118,7 @@ class KinesisStage(Stage):
 
     def _read_axis(self, axis: str) -> AxisInfo:
         model, dest = self._models[axis], self._dest[axis]
+        self._require_stage(axis)
         data = self._link.ask(Message.MOT_REQ_VELPARAMS, dest, 14).data
         _, _, acceleration, speed = struct.unpack_from("<Hiii", data)
         if acceleration < 1:
@@ -131,6 +136,32 @@ class KinesisStage(Stage):
             acceleration_mm_s2=acceleration * model.acceleration_unit_mm_s2,
             window_mm=ARRIVAL_MM,
         )
+
+    def _require_stage(self, axis: str) -> None:
+        """Compare a stage with what its plug tells, unless the rig file states its counts.
+
+        Raises:
+            UnsupportedError: It is another one.
+        """
+        model, request = self._models[axis], Message.MOT_REQ_PMDSTAGEAXISPARAMS
+        if axis not in self._unstated or model.sample_s != BRUSHLESS_SAMPLE_S:
+            return
+        try:
+            answer = self._link.ask_once(request, self._dest[axis], STAGE_AXIS_BYTES, f"MGMSG_{request.name}")
+        except (NoAnswerError, BadReplyError):
+            return  # nothing depends on it, and firmware may lack it
+        found = parse_stage_memory(answer.data)
+        if found is None:
+            return
+        if found.counts_per_unit != model.counts_per_mm or found.travel < 0.99 * model.travel_mm:
+            raise UnsupportedError(
+                self.name,
+                f"the controller has read from the plug of axis {axis}: {found.part or 'no part number'}, "
+                f"{found.counts_per_unit} counts per mm, {found.travel:.4g} mm of travel",
+                asked="connect",
+                allowed=f"{model.counts_per_mm:.8g} counts per mm and {model.travel_mm:.4g} mm, as `stages` has it",
+                remedy="correct `stages` or `axes` in [stage]; with counts_per_mm for this axis nothing is compared",
+            )
 
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         self._targets = {}

@@ -23,11 +23,11 @@ class KinesisOptions(ConfigTable):
     """For each axis the bay of a benchtop controller (BBD, BSC), from 1; 0 for a cube or an integrated stage, which has
     one axis."""
     stages: dict[str, str] = Field(default_factory=lambda: {"x": "MTS50-Z8"})
-    """For each axis the model of its stage, which the controller does not report: "MTS25-Z8", "MTS50-Z8", "Z812",
-    "Z825", "MLS203-X", "MLS203-Y", "DDSM50", "DDSM100", "DDS220", "LTS150" or "LTS300"."""
+    """For each axis the model of its stage, which only brushless controllers are asked for: "MTS25-Z8", "MTS50-Z8",
+    "Z812", "Z825", "MLS203-X", "MLS203-Y", "DDSM50", "DDSM100", "DDS220", "LTS150" or "LTS300"."""
     counts_per_mm: dict[str, Positive] = Field(default_factory=dict)
     """For an axis its encoder counts per mm, if they are others than the model's: a Z8 stage with a gear of 67:1 has
-    34304 instead of 34554.96."""
+    34304 instead of 34554.96. A brushless controller's own word is then not asked for."""
     mount: MountOptions | None = None
     """How the stage moves the camera; leave it out if unknown."""
 

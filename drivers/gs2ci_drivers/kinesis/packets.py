@@ -52,6 +52,8 @@ class Message(IntEnum):
     MOT_MOVE_STOPPED = 0x0466
     MOT_GET_STATUSUPDATE = 0x0481
     MOT_GET_DCSTATUSUPDATE = 0x0491
+    MOT_REQ_PMDSTAGEAXISPARAMS = 0x04F1
+    MOT_GET_PMDSTAGEAXISPARAMS = 0x04F2
 
 
 class AptStatus(IntFlag):
@@ -201,3 +203,32 @@ def parse_info(data: bytes) -> HardwareInfo | None:
     (channels,) = struct.unpack_from("<H", data, 82)
     name = model.split(b"\0")[0].decode("ascii", "replace").strip()
     return HardwareInfo(serial, name, f"{major}.{interim}.{minor}", channels)
+
+
+_STAGE_AXIS: Final = struct.Struct("<HHH16sIIii")
+STAGE_AXIS_BYTES: Final = _STAGE_AXIS.size
+"""What is read here of the 74 bytes of MGMSG_MOT_GET_PMDSTAGEAXISPARAMS."""
+
+
+@dataclass(frozen=True)
+class StageMemory:
+    """What the memory in a stage's plug tells a brushless controller (MGMSG_MOT_GET_PMDSTAGEAXISPARAMS).
+
+    Args:
+        part: Part number.
+        counts_per_unit: Encoder counts per mm, of a rotary stage per degree.
+        travel: Travel in units.
+    """
+
+    part: str
+    counts_per_unit: int
+    travel: float
+
+
+def parse_stage_memory(data: bytes) -> StageMemory | None:
+    """Read a stage's memory; None if it is empty."""
+    _, _, _, part, _, counts_per_unit, lowest, highest = _STAGE_AXIS.unpack_from(data)
+    if counts_per_unit == 0 or highest <= lowest:
+        return None
+    name = part.split(b"\0")[0].decode("ascii", "replace").strip()
+    return StageMemory(name, counts_per_unit, (highest - lowest) / counts_per_unit)

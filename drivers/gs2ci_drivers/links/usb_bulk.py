@@ -4,7 +4,8 @@ Here: the bridge's read requests and the blocks that follow. Not here: finding, 
 any protocol.
 
 Experimental: written from public knowledge of the bridge (data on 0x02/0x82 of interface 1; before data flows in,
-the host asks for it with a 20-byte request on 0x01 of interface 0), not confirmed on hardware.
+the host asks for it with a 20-byte request on 0x01 of interface 0: `struct ft60x_ctrlreq` of Lambdaconcept's Linux
+driver), not confirmed on hardware.
 """
 
 import struct

@@ -4,16 +4,17 @@ Here: what a four-character code means (bits, packing, mosaic), the geometry of 
 `unpack`. Not here: ioctls.
 
 Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
-the value in the low bits unless the rig file says otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in
-3 (12 bit).
+the value in the low bits unless the rig file says otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit), 2 in
+3 (12 bit) or 4 in 7 (14 bit).
 """
 
 import enum
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
@@ -30,6 +31,7 @@ class Packing(enum.Enum):
     WORDS = (1, 2)
     MIPI10 = (4, 5)
     MIPI12 = (2, 3)
+    MIPI14 = (4, 7)
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ def _bayer(bits: int, packing: Packing, codes: dict[CfaPattern, str], bus: dict[
 _BUS8: Final[dict[CfaPattern, int]] = {"BGGR": 0x3001, "GBRG": 0x3013, "GRBG": 0x3002, "RGGB": 0x3014}
 _BUS10: Final[dict[CfaPattern, int]] = {"BGGR": 0x3007, "GBRG": 0x300E, "GRBG": 0x300A, "RGGB": 0x300F}
 _BUS12: Final[dict[CfaPattern, int]] = {"BGGR": 0x3008, "GBRG": 0x3010, "GRBG": 0x3011, "RGGB": 0x3012}
+_BUS14: Final[dict[CfaPattern, int]] = {"BGGR": 0x3019, "GBRG": 0x301A, "GRBG": 0x301B, "RGGB": 0x301C}
 _BUS16: Final[dict[CfaPattern, int]] = {"BGGR": 0x301D, "GBRG": 0x301E, "GRBG": 0x301F, "RGGB": 0x3020}
 
 PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
@@ -71,15 +74,19 @@ PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
         PixelFormat("GREY", 8, Packing.BYTES, bus_code=0x2001),
         PixelFormat("Y10 ", 10, Packing.WORDS, bus_code=0x200A),
         PixelFormat("Y12 ", 12, Packing.WORDS, bus_code=0x2013),
+        PixelFormat("Y14 ", 14, Packing.WORDS, bus_code=0x202D),
         PixelFormat("Y16 ", 16, Packing.WORDS, bus_code=0x202E),
         PixelFormat("Y10P", 10, Packing.MIPI10, bus_code=0x200A),
         PixelFormat("Y12P", 12, Packing.MIPI12, bus_code=0x2013),
+        PixelFormat("Y14P", 14, Packing.MIPI14, bus_code=0x202D),
         *_bayer(8, Packing.BYTES, {"BGGR": "BA81", "GBRG": "GBRG", "GRBG": "GRBG", "RGGB": "RGGB"}, _BUS8),
         *_bayer(10, Packing.WORDS, {"BGGR": "BG10", "GBRG": "GB10", "GRBG": "BA10", "RGGB": "RG10"}, _BUS10),
         *_bayer(12, Packing.WORDS, {"BGGR": "BG12", "GBRG": "GB12", "GRBG": "BA12", "RGGB": "RG12"}, _BUS12),
+        *_bayer(14, Packing.WORDS, {"BGGR": "BG14", "GBRG": "GB14", "GRBG": "GR14", "RGGB": "RG14"}, _BUS14),
         *_bayer(16, Packing.WORDS, {"BGGR": "BYR2", "GBRG": "GB16", "GRBG": "GR16", "RGGB": "RG16"}, _BUS16),
         *_bayer(10, Packing.MIPI10, {"BGGR": "pBAA", "GBRG": "pGAA", "GRBG": "pgAA", "RGGB": "pRAA"}, _BUS10),
         *_bayer(12, Packing.MIPI12, {"BGGR": "pBCC", "GBRG": "pGCC", "GRBG": "pgCC", "RGGB": "pRCC"}, _BUS12),
+        *_bayer(14, Packing.MIPI14, {"BGGR": "pBEE", "GBRG": "pGEE", "GRBG": "pgEE", "RGGB": "pREE"}, _BUS14),
     )
 }
 
@@ -87,7 +94,7 @@ PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
 def bus_bits(pixel: PixelFormat) -> dict[int, int]:
     """Return the bits of the media-bus codes that may carry a pixel format, its own first, {} if it has none.
 
-    A receiver may widen what a sensor sends to 16 bits: rp1-cfe makes Y16 of Y10 (cfe_fmts.h, CFE_REMAP_16BIT).
+    A receiver may widen what a sensor sends to 16 bits: rp1-cfe makes Y16 of Y10 (cfe-fmts.h, CFE_REMAP_16BIT).
     """
     others = [one for one in PIXEL_FORMATS.values() if one.cfa == pixel.cfa] if pixel.bits == 16 else []
     return {one.bus_code: one.bits for one in (pixel, *others) if one.bus_code is not None}
@@ -180,7 +187,8 @@ def unpack(data: RawBytes, geometry: FrameGeometry) -> U16:
     elif geometry.pixel.packing is Packing.WORDS:
         return _aligned(_words(raw, geometry), geometry)
     else:
-        values = _mipi(_rows(raw, geometry, 5 if geometry.pixel.packing is Packing.MIPI10 else 3), geometry.width)
+        pixels, size = geometry.pixel.packing.value
+        values = _mipi(_rows(raw, geometry, size), pixels, geometry.width)
     _check_range(values, geometry)
     return values
 
@@ -240,15 +248,18 @@ def _other_alignment(words: U16, geometry: FrameGeometry) -> str:
     return f"if every frame says so, set alignment = {found!r} in [sensor] for this camera{why}"
 
 
-def _mipi(groups: U8, width: int) -> U16:
-    """Unpack [H, G, P + 1] bytes: P high bytes, then the low bits of P pixels, pixel 0 lowest (10 or 12 bits each)."""
-    pixels = groups.shape[2] - 1
-    bits = 8 // pixels
+def _mipi(groups: U8, pixels: int, width: int) -> U16:
+    """Unpack [H, G, S] bytes: P high bytes, then the low bits of P pixels, pixel 0 lowest (10, 12 or 14 bits each)."""
+    size = groups.shape[2]
+    bits = 8 * (size - pixels) // pixels
+    tail: NDArray[Any] = groups[:, :, pixels]
+    for k in range(pixels + 1, size):
+        tail = tail | groups[:, :, k].astype(np.uint32) << np.uint32(8 * (k - pixels))
     out = np.empty((*groups.shape[:2], pixels), np.uint16)
     for i in range(pixels):
         out[:, :, i] = groups[:, :, i]
         out[:, :, i] <<= bits
-        out[:, :, i] |= (groups[:, :, pixels] >> np.uint8(bits * i)) & np.uint8(2**bits - 1)
+        out[:, :, i] |= ((tail >> tail.dtype.type(bits * i)) & tail.dtype.type(2**bits - 1)).astype(np.uint16)
     return np.ascontiguousarray(out.reshape(groups.shape[0], -1)[:, :width])
 
 

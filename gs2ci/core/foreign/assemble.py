@@ -112,7 +112,7 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
     offset = options.offset or 0.0
     stored = pixels.mend(found.measurement, stored, offset, coding.multiplicity, options.bad_pixels, guesses)
     is_mosaic = options.cfa is not None or roles.key_of(found.container, "cfa", None, []) is not None
-    without = pixels.lit(found.measurement, stored - (offset + fields.black))
+    without = pixels.lit(found.measurement, stored - (offset + fields.black), guesses)
     settled = settle(
         *(found.measurement, found.masks, options, coding, without),
         is_mosaic=is_mosaic,

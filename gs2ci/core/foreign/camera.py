@@ -26,6 +26,10 @@ TRAJECTORIES: Final = {8: "TUM's: time, place and quaternion", 12: "KITTI's: mat
 """Numbers in a row of the text files in which trajectories are kept, all of them camera-to-world."""
 
 
+# The w of a camera that hardly turns from the axes of its world is larger.
+_MOSTLY_ONE: Final = 0.9
+
+
 def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> F64:
     """Make a camera matrix from what a file or the user gives.
 
@@ -104,10 +108,21 @@ def trajectory(where: str, rows: F64, guesses: list[str]) -> F64:
     """Return the world-to-camera poses, [R, 4, 4], of the rows of a text file, [R, 8] or [R, 12] (`TRAJECTORIES`).
 
     Raises:
-        InputError: They are no rigid motions.
+        InputError: They are no rigid motions, or their times do not grow.
     """
     with damage_as_input_error(where):
         if rows.shape[1] == 8:
+            if (np.diff(rows[:, 0]) < 0).any():
+                raise InputError(
+                    f"{where}: times that do not grow from row to row",
+                    allowed="rows in the order of exposure",
+                    remedy="sort them, one row for each mask",
+                )
+            if (np.abs(rows[:, 4]) > _MOSTLY_ONE).all():
+                guesses.append(
+                    f"WARNING: {where}: the first number of each quaternion is close to 1; TUM's last one is w, others "
+                    "write it first: is it the first here? Then name the columns: t,x,y,z,qw,qx,qy,qz"
+                )
             poses = rigid(Rotation.from_quat(rows[:, 4:]).as_matrix(), rows[:, 1:4])
         else:
             matrices = rows.reshape(-1, 3, 4)

@@ -7,6 +7,7 @@ Both formats list pictures by name in any order; a coded measurement numbers its
 natural order of the names: view_2 before view_10, z_-1 before z_0.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -254,11 +255,13 @@ def _transforms(path: Path, size: tuple[int, int] | None) -> CameraFile:
 
 
 def _whole(matrix: Any) -> F64:
-    """Return a pose as [4, 4]; its last row may be left out."""
+    """Return a pose as [4, 4]; its last row may be left out, and it may be written column by column, as ARKit does."""
     values = np.array(matrix, np.float64)
     if values.shape == (3, 4):
         values = np.vstack([values, (0, 0, 0, 1)])
-    return values.reshape(4, 4)
+    values = values.reshape(4, 4)
+    last = (0, 0, 0, 1)
+    return values.T if np.array_equal(values[:, 3], last) and not np.array_equal(values[3], last) else values
 
 
 def _common(path: Path, held: dict[str, Any], frames: list[dict[str, Any]]) -> dict[str, Any]:
@@ -294,9 +297,15 @@ def _order(path: Path, names: list[str]) -> tuple[int, ...]:
     """Return the order of exposure: that of the numbers in the names.
 
     Raises:
-        InputError: Whole numbers and decimal ones give different orders.
+        InputError: Whole numbers and decimal ones give different orders, or there are none and the file has another.
     """
     order = natural_order(names)
+    if len({tuple(re.findall(r"\d+", name)) for name in names}) == 1 and sorted(names) != names:
+        raise InputError(
+            f"{path}: the order of its pictures is doubtful: their names, such as {names[0]!r}, differ in no number",
+            allowed="names with numbers in the order of exposure",
+            remedy="rename the pictures in the order of exposure: 000.png, 001.png, ...",
+        )
     if order.is_doubtful:
         raise InputError(
             f"{path}: the order of its pictures is doubtful: is {names[order.indices[0]]!r} before "

@@ -27,6 +27,8 @@ _LEAST: Final = 0.02
 # Masks follow the white frame if dividing by it leaves this share of the variation of their local mean.
 _FOLLOWS: Final = 0.6
 _VARIES: Final = 0.02
+# Lenses darken the rim: a middle that is darker than this share of it speaks of another thing.
+_FALLS: Final = 0.95
 # Recorded masks read at least this share of the dark frame behind closed elements.
 _RECORDED_DARK: Final = 0.5
 
@@ -104,8 +106,14 @@ class Fields:
                 "optics, and account for it; the readings were not divided"
             )
             return readings
+        rows, columns = (slice(n // 4, n - n // 4) for n in seen.shape[:2])
+        rim = (seen.sum() - seen[rows, columns].sum()) / max(seen.size - seen[rows, columns].size, 1)
+        doubt = ""
+        if float(seen[rows, columns].mean()) < _FALLS * rim:
+            doubt = "; WARNING: it is brighter at the rim: if it holds factors of correction, save 1 / it"
         guesses.append(
             f"{self.where}: readings divided by the white frame, {float(seen.min()):.2g} to 1 (--white-key none: not)"
+            + doubt
         )
         return readings / seen
 
@@ -114,7 +122,7 @@ def frame_from(given: Array, size: tuple[int, int], channels: int) -> FieldFrame
     """Average frames.
 
     Args:
-        given: [H, W], [H, W, C], or several along the first or the last axis.
+        given: One reading for all pixels, [H, W], [H, W, C], or several along the first or the last axis.
         size: Height and width of the measurement.
         channels: Of the measurement, C.
 
@@ -122,7 +130,7 @@ def frame_from(given: Array, size: tuple[int, int], channels: int) -> FieldFrame
         InputError: Of another size, or not finite.
     """
     values = np.asarray(given.values, np.float64)
-    values = values if values.shape == size else values.squeeze()
+    values = np.full(size, values) if values.size == 1 else values if values.shape == size else values.squeeze()
     stack = None
     if values.shape == size:
         stack = values[None, ..., None]

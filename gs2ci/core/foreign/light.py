@@ -46,6 +46,8 @@ _PUT_BACK: Final = 0.8
 _FEWEST_ROUND: Final = 3e-4
 _PILE_UP: Final = 5e-4
 _FEWEST_PILED: Final = 4
+# Readings whose bytes are exchanged hardly depend on the masks.
+_SWAPPED: Final = 0.5
 _CLOSE_BELOW: Final = 0.98
 
 
@@ -156,6 +158,7 @@ def examine(question: LightQuestion, said: CurveName, guesses: list[str]) -> Exa
     if said != "auto":
         return _as_said(question, said, guesses)
     found = question.grow()
+    _check_byte_order(question, found)
     around = _gone_round(question, found, guesses)
     if around is not None:
         return around
@@ -166,10 +169,12 @@ def examine(question: LightQuestion, said: CurveName, guesses: list[str]) -> Exa
         )
         return Examined(question.readings)
     clipped = bool(np.isfinite(clip_of(question.image, question.saturation)))
-    if not clipped and found.slope > 1 + _SLOPE_OVER + _SIGMAS * found.slope_error:
+    over = _SLOPE_CLIPPED if clipped else _SLOPE_OVER
+    if not found.is_biased and found.slope > 1 + over + _SIGMAS * found.slope_error:
         guesses.append(
             f"WARNING: {question.measurement.where}: readings grow {found.slope:.2f} times as fast as the masks open: "
-            "was too much subtracted as the reading without light, or do the masks lie on a background?"
+            "was too much subtracted as the reading without light, or do the masks lie on a background, or are they "
+            "stored with a display's gamma?"
         )
         return Examined(question.readings, growth=found)
     if _is_line(found, clipped=False) and not found.is_biased:
@@ -205,6 +210,26 @@ def _is_line(found: Growth, clipped: bool) -> bool:
     )
 
 
+def _check_byte_order(question: LightQuestion, found: Growth | None) -> None:
+    """Refuse numbers of 16 bits whose two bytes are exchanged.
+
+    Raises:
+        InputError: They grow with the open masks once the bytes are exchanged, and not as they are.
+    """
+    stored = question.measurement.values
+    if stored.dtype.kind != "u" or stored.dtype.itemsize != 2 or found is None or found.slope > _SWAPPED:
+        return
+    swapped = np.rint(np.maximum(question.image, 0)).astype(np.uint16).byteswap().astype(np.float64)
+    other = growth(swapped, question.open_masks, is_mosaic=question.is_mosaic)
+    if other is not None and _is_undone(other, clipped=False):
+        raise InputError(
+            f"{question.measurement.where}: the two bytes of each reading are exchanged: only so do readings grow in "
+            f"proportion to the open masks ({_told(other)})",
+            allowed="numbers in the order of bytes that their type states",
+            remedy="read the camera's file as '>u2' instead of '<u2', or the reverse, and save again",
+        )
+
+
 def _gone_round(question: LightQuestion, found: Growth | None, guesses: list[str]) -> Examined | None:
     """Put readings back that went round, if that explains them."""
     wrap = wrap_of(question.measurement.values)
@@ -219,10 +244,11 @@ def _gone_round(question: LightQuestion, found: Growth | None, guesses: list[str
         return None
     if not _is_line(better, clipped=False) or _distance(better) > _distance(found):
         return None
+    doubt = "" if _is_undone(better, clipped=False) else ": too many for all to be put back, and views will be wrong"
     guesses.append(
         f"WARNING: {question.measurement.where}: {share:.1%} of the readings went round at {wrap:.6g}, as a sum does "
         f"in integers that are too small for it: against the open masks they have {_told(found)}. Put back by what "
-        f"their neighbours read, they have {_told(better)}. Sum in larger integers, or say --curve linear if "
+        f"their neighbours read, they have {_told(better)}{doubt}. Sum in larger integers, or say --curve linear if "
         "that is wrong"
     )
     return Examined(question.put_back(wrap), "overflow", growth=found)

@@ -100,7 +100,7 @@ def open_foreign(path: Path) -> Container:
         f"{path}: {'empty' if not start else 'its content is of no known format'}",
         allowed=_FORMATS,
         remedy="save it in one of these; raw numbers, in Python: np.save('FILE.npy', np.fromfile(PATH, '<u2')"
-        ".reshape(H, W))",
+        ".reshape(H, W)); pixels that are packed to 12 bits, 1.5 bytes each, have to be unpacked first",
     )
 
 

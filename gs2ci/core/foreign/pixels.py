@@ -25,11 +25,13 @@ _CLOSE_BELOW: Final = 0.95
 _SAME_MULTIPLICITY: Final = 0.01
 # Noise about 0 leaves half of the readings of a dark picture below it.
 MOST_NEGATIVE: Final = 0.9
+# Noise does not carry readings as far below 0 as this share of the bright ones.
+_FAR_BELOW: Final = 0.3
 # Highlights may clip; a picture that clips over more than this was exposed for too long.
 MANY_CLIPPED: Final = 0.05
 
 
-def lit(measurement: Array, readings: F64) -> F64:
+def lit(measurement: Array, readings: F64, guesses: list[str]) -> F64:
     """Return readings above the one without light, [K, H, W, C]: light has no negative sign.
 
     Raises:
@@ -41,6 +43,12 @@ def lit(measurement: Array, readings: F64) -> F64:
             f"{measurement.where}: {share:.0%} of the readings lie below the reading without light",
             allowed=f"at most {MOST_NEGATIVE:.0%} below 0 once it is subtracted",
             remedy="subtract the dark frame from the lit one, not the reverse; or correct --offset",
+        )
+    low, high = np.quantile(readings, (0.001, 0.999))
+    if low < -_FAR_BELOW * high:
+        guesses.append(
+            f"WARNING: {measurement.where}: {share:.0%} of the readings lie below the one without light, down to "
+            f"{low:.6g} (up to {high:.6g}), as after a mean is subtracted: give --offset, or save them as they were"
         )
     return readings
 

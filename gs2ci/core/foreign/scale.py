@@ -36,7 +36,7 @@ FAIRLY_EXPOSED: Final = 0.2
 # Calibrated masks may overshoot 1 by noise; beyond this they are in another unit.
 MASK_OVERSHOOT: Final = 1.05
 # A mask that lets more than this through everywhere is closed nowhere.
-_OPEN: Final = 0.5
+OPEN: Final = 0.5
 _MISPLACED: Final = 6.0
 # Lamps and glints are a smaller share of true views than the rest of this.
 _ALL_BUT_LAMPS: Final = 0.98
@@ -114,7 +114,7 @@ def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
     dark = [i for i, mask in enumerate(values) if not mask.any()]
     if dark:
         sentences.append(f"WARNING: masks {dark} never open: their views cannot be recovered")
-    white = [i for i, mask in enumerate(values) if mask.min() > _OPEN * full]
+    white = [i for i, mask in enumerate(values) if mask.min() > OPEN * full]
     if 0 < len(white) < len(values):
         sentences.append(
             f"WARNING: masks {white} are closed nowhere, as the frame of a white screen is: take them out if the "

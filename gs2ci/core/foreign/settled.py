@@ -11,12 +11,15 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, light
 from gs2ci.core.foreign.agreement import CodingConvention
+from gs2ci.core.foreign.colours import COLOURS
 from gs2ci.core.foreign.container import Array
-from gs2ci.core.foreign.curves import CurveName
+from gs2ci.core.foreign.curves import CurveName, full_scale
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.pattern import PatternTrace
+from gs2ci.core.foreign.scale import OPEN
 from gs2ci.core.foreign.shown import Traces, traces
 from gs2ci.core.linearity import Growth, lattices
 
@@ -34,6 +37,8 @@ _CLOSED: Final = 0.3
 _HALVINGS: Final = 8
 _MOST_ASKED: Final = 8
 _LEAST_BACKGROUND: Final = 0.01
+# What masks that were divided at each pixel have in common everywhere, up to the digits of float32.
+_THE_SAME: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -82,11 +87,35 @@ class _Settling:
                 plane[...] = plane * (level / max(float(plane.mean()), 1e-3 * level))
         return agreement.find_pattern(image, coding.multiplicity)
 
+    def undivided(self, readings: F64, coding: CodingConvention) -> CodingConvention:
+        """Take masks that were divided at each pixel by their sum or norm as they were, if readings were not, too."""
+        masks = coding.masks.astype(np.float64)
+        total, squares = masks.sum(axis=0), (masks**2).sum(axis=0)
+        opened = total > 0
+        # Of masks that are open or closed this counts the open ones, by whatever a pixel's were divided.
+        count = np.where(opened, total**2 / np.maximum(squares, 1e-300), 0)
+        for power, same, words in ((1.0, total, "sum"), (0.5, squares, "norm (the root of the sum of their squares)")):
+            if not opened.any() or np.ptp(same[opened]) > _THE_SAME * same.max() or np.ptp(count[opened]) < _THE_SAME:
+                continue
+            before = (masks * count**power).astype(np.float32)
+            undone = CodingConvention(np.asarray(before / before.max(), np.float32), coding.weights)
+            found = self.question(readings, undone, self.pattern(readings, undone)).grow()
+            # Readings that were divided, too, have the slope 1 - power.
+            if found is not None and found.slope > 1 - power / 2 + _SIGMAS * found.slope_error:
+                self.guesses.append(
+                    f"WARNING: {self.masks.where}: the masks were divided at each pixel by their {words}, and the "
+                    f"readings were not: they grow with the masks as they were before (slope {found.slope:.2f}); those "
+                    "are taken"
+                )
+                return undone
+        return coding
+
     def upright(self, readings: F64, coding: CodingConvention) -> tuple[CodingConvention, PatternTrace | None]:
         """Find the masks' pattern, and take the masks the other way round if it shows where they are closed."""
         traced = self.pattern(readings, coding)
         if traced is None or traced.upright > _INVERTED:
             return coding, traced
+        self.check_not_negative(readings, coding)
         self.guesses.append(
             f"WARNING: {self.masks.where}: the masks are inverted: their pattern shows where they are closed "
             f"(correlation {traced.upright:.2f}); taken the other way round, 1 - mask"
@@ -94,18 +123,70 @@ class _Settling:
         coding = CodingConvention(np.asarray(1 - coding.masks, np.float32), coding.weights)
         return coding, self.pattern(readings, coding)
 
-    def differing(self, readings: F64, coding: CodingConvention, first: Traces, traced: PatternTrace | None) -> bool:
-        """Say so if a later measurement of the file shows masks that the first one does not."""
-        for k in range(1, min(len(readings), _MOST_ASKED)):
-            other = self.traces(readings[k:], coding, traced)
+    def check_not_negative(self, readings: F64, coding: CodingConvention) -> None:
+        """Refuse a picture whose white is zero; its masks look inverted.
+
+        Raises:
+            InputError: Its negative grows as the masks open, and it does not as they close.
+        """
+        full = full_scale(self.measurement.values) - (self.options.offset or 0.0)
+        closed = CodingConvention(np.asarray(1 - coding.masks, np.float32), coding.weights)
+        as_given, turned = (
+            self.question(readings, closed, None).grow(),
+            self.question(full - readings, coding, None).grow(),
+        )
+        if as_given is None or turned is None or as_given.slope > 1 - 2 * _STEEP or abs(turned.slope - 1) > _STEEP:
+            return
+        raise InputError(
+            f"{self.measurement.where}: a negative: readings fall as the masks open, and {full:.6g} - reading grows "
+            f"with them in proportion (slope {turned.slope:.2f})",
+            allowed="readings that grow with the light",
+            remedy=f"save {full:.6g} - reading",
+        )
+
+    def without_frames(
+        self, readings: F64, coding: CodingConvention, traced: PatternTrace | None, shown: tuple[int, ...]
+    ) -> tuple[CodingConvention, tuple[int, ...]]:
+        """Leave out white frames among the masks, and dark ones with them, if readings grow as the others open."""
+        white, dark = coding.masks.min(axis=(1, 2)) > OPEN, coding.masks.max(axis=(1, 2)) == 0
+        kept = np.flatnonzero(~(white | dark))
+        if not white.any() or not len(kept) or self.options.views is not None:
+            return coding, shown
+        others = CodingConvention(coding.masks[kept], coding.weights[kept])
+        before, after = (self.question(readings, one, traced).grow() for one in (coding, others))
+        if before is None or after is None or before.is_biased or abs(after.slope - 1) > _STEEP:
+            return coding, shown
+        if before.slope < 1 + _STEEP + _SIGMAS * before.slope_error:
+            return coding, shown
+        self.guesses.append(
+            f"WARNING: {self.masks.where}: masks {_listed(np.flatnonzero(white | dark))} are white and dark frames "
+            f"that were not shown (readings grow {before.slope:.2f} times as fast as the masks open with them, "
+            f"{after.slope:.2f} times without): they are left out; say --views {len(coding.masks)} to keep all"
+        )
+        return others, tuple(shown[index] for index in kept)
+
+    def check_alike(self, readings: F64, coding: CodingConvention, first: Traces, traced: PatternTrace | None) -> None:
+        """Refuse a later measurement of the file, or a colour of the first, that shows masks which the first does not.
+
+        Raises:
+            InputError: There is one; three measurements under masks of their own look like three colours.
+        """
+        others = [(f"measurement {k}", readings[k:]) for k in range(1, min(len(readings), _MOST_ASKED))]
+        others += [
+            (f"plane {c}", readings[:, :, :, c : c + 1])
+            for c in range(readings.shape[3])
+            if c != readings.shape[3] // 2
+        ]
+        for name, plane in others:
+            other = self.traces(plane, coding, traced)
             if other is not None and (other.shown & ~first.shown).any():
                 listed = [_listed(np.flatnonzero(one.shown)) for one in (first, other)]
-                self.guesses.append(
-                    f"WARNING: {self.masks.where}: measurement 0 shows masks {listed[0]}, measurement {k} masks "
-                    f"{listed[1]}: masks of their own. Save them as [K, N, H, W], or import each with its masks"
+                raise InputError(
+                    f"{self.masks.where}: one measurement shows masks {listed[0]}, {name} masks {listed[1]}: masks of "
+                    "their own",
+                    allowed="measurements that share their masks; or [K, H, W] with masks [K, N, H, W]",
+                    remedy="save them as [K, N, H, W], or import each with its masks",
                 )
-                return True
-        return False
 
     def traces(self, readings: F64, coding: CodingConvention, traced: PatternTrace | None) -> Traces | None:
         """Find the trace of each mask."""
@@ -195,11 +276,14 @@ class _Settling:
         lacking = left > least + _SIGMAS * growth.slope_error and found.unexplained > _PATTERN_OF_IT * left
         if lacking:
             masks = int(found.shown.sum())
+            planes = ""
+            if masks <= COLOURS and self.masks.values.dtype == np.uint8:
+                planes = "; or is each bit a mask, as in the pictures of a modulator (np.unpackbits)?"
             self.guesses.append(
                 f"WARNING: {self.measurement.where}: {left:.0%} of the light and {found.unexplained:.0%} of the fine "
                 f"pattern are explained neither by these {masks} masks nor by texture: were more masks shown than the "
                 f"file holds (about {max(1, round(masks * left / growth.slope))} more)? A leak, a black level "
-                "(--offset) or softer masks explain light, but no pattern"
+                f"(--offset) or softer masks explain light, but no pattern{planes}"
             )
         return lacking
 
@@ -226,16 +310,20 @@ def settle(
         is_mosaic: Whether a single channel is known to be a mosaic; one that looks like it is recognised.
         has_dark: Whether a dark frame was subtracted from the readings.
         guesses: Sentences are added here.
+
+    Raises:
+        InputError: A negative; or several exposures under masks of their own.
     """
     if readings.shape[3] == 1 and not is_mosaic:
         is_mosaic = agreement.mosaic_of(readings[0, :, :, 0], coding) is not None
     work = _Settling(measurement, masks, options, is_mosaic and readings.shape[3] == 1, has_dark, guesses)
     given = len(coding.masks)
-    coding, traced = work.upright(readings, coding)
+    coding, traced = work.upright(readings, work.undivided(readings, coding))
     found = work.traces(readings, coding, traced)
-    if found is not None and not found.shown.all() and work.differing(readings, coding, found, traced):
-        found = None
+    if found is not None and not found.shown.all():
+        work.check_alike(readings, coding, found, traced)
     coding, shown = work.choose(coding, found)
+    coding, shown = work.without_frames(readings, coding, traced, shown)
     if len(shown) < given:
         traced = work.pattern(readings, coding)
     coding = work.without_background(readings, coding, traced)

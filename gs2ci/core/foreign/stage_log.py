@@ -58,6 +58,8 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
         places = _positions(path, read, guesses) if poses is None else np.empty((0, 3))
     else:
         given = Array(str(path), read_poses(path)) if is_camera_file(path) else load_single(path)
+        if is_camera_file(path):
+            guesses.append(f"{path.name}: poses of the stage, in the order of the numbers in the pictures' names")
         values = np.asarray(given.values, np.float64)
         poses = given if values.ndim == 3 else None
         places = values.reshape(-1, 1) if values.ndim == 1 else values

@@ -13,7 +13,7 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, room_after
 from gs2ci.core.whole_file import check_place, write_whole
 
 MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
@@ -88,8 +88,8 @@ def check_manifest_place(path: Path) -> None:
     manifest = manifest_of(path)
     if manifest.exists() and not _is_manifest(manifest):
         raise StorageError(
-            f"{manifest}: the manifest belongs there, but the file there is not one",
-            remedy="choose another name or move it away",
+            f"{manifest}: the manifest belongs there, beside {path.name}, but the file there is not one",
+            remedy=f"choose another name for {path.name}, or move {manifest.name} away",
         )
 
 
@@ -133,7 +133,7 @@ def seal(partial: Path, path: Path) -> None:
         _fsync_folder(path.parent)
     except OSError as error:
         raise StorageError(
-            f"{path}: cannot be finished: {error}", remedy=f"free the disk; the rows are in {partial} or {path}"
+            f"{path}: cannot be finished: {error}", remedy=f"{room_after(error)}; the rows are in {partial} or {path}"
         ) from error
 
 

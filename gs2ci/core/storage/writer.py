@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64, Bool
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, room_after
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import layout
 from gs2ci.core.storage.guarded_file import GuardedFile
@@ -77,7 +77,8 @@ class ShotWriter:
             self.partial.unlink(missing_ok=True)
             if isinstance(error, OSError | RuntimeError):
                 raise StorageError(
-                    f"{self.partial}: cannot be laid out: {error}", remedy="free the disk or choose another folder"
+                    f"{self.partial}: cannot be laid out: {error}",
+                    remedy=f"{room_after(error)} or choose another folder",
                 ) from error
             raise
 
@@ -138,7 +139,7 @@ class ShotWriter:
         except (OSError, RuntimeError, ValueError) as error:
             before = f"; save the rows before it with `gs2ci recover {self.partial}`" if row else ""
             raise StorageError(
-                f"{self.partial}: row {row} cannot be written: {error}", remedy=f"free the disk{before}"
+                f"{self.partial}: row {row} cannot be written: {error}", remedy=f"{room_after(error)}{before}"
             ) from error
         self.rows_written = row + 1
         return row
@@ -172,7 +173,7 @@ class ShotWriter:
             self._flush(file)
         except (OSError, RuntimeError, ValueError) as error:
             raise StorageError(
-                f"{self.partial}: event {kind!r} cannot be written: {error}", remedy="free the disk"
+                f"{self.partial}: event {kind!r} cannot be written: {error}", remedy=room_after(error)
             ) from error
 
     def finish(self) -> Path:
@@ -192,7 +193,7 @@ class ShotWriter:
             file["complete"][()] = 1
             self._flush(file)
         except (OSError, RuntimeError, ValueError) as error:
-            raise StorageError(f"{self.partial}: cannot be finished: {error}", remedy="free the disk") from error
+            raise StorageError(f"{self.partial}: cannot be finished: {error}", remedy=room_after(error)) from error
         self.close()
         seal(self.partial, self.path)
         return self.path
@@ -211,7 +212,7 @@ class ShotWriter:
                 with closing(self._disk):
                     self._disk.check()
             except (OSError, RuntimeError) as error:
-                raise StorageError(f"{self.partial}: cannot be closed: {error}", remedy="free the disk") from error
+                raise StorageError(f"{self.partial}: cannot be closed: {error}", remedy=room_after(error)) from error
 
     def __enter__(self) -> Self:
         return self

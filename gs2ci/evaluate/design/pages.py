@@ -162,14 +162,16 @@ def markdown(design: Design) -> str:
 def sentences(design: Design) -> list[str]:
     """Return what was found in sentences."""
     chosen, left_out = design.chosen, [row for row in design.rows if row.left_out]
-    checked = sum(row.checks for row in design.rows)
+    many = sum(row.checks for row in design.rows)
+    plural = "" if many == 1 else "s"
+    checked = f"{many} reconstruction{plural} with the preset {design.preset} checked the best of them."
     by = "as checked" if chosen.checked_db is not None else "as foreseen"
     said = [
         f"Chosen: {_name(chosen)}: {chosen.quality_db or 0.0:.1f} dB {by} in a picture of {design.size[0]} x "
         f"{design.size[1]} px, {spoken_duration(chosen.capture_s or 0.0)} of capture"
         + ("." if chosen.computing_s is None else f", about {spoken_duration(chosen.computing_s)} of computing."),
-        f"{len(design.rows) - len(left_out)} candidates were judged by what their coding tells, {checked} "
-        f"reconstructions with the preset {design.preset} checked the best of them.",
+        f"{len(design.rows) - len(left_out)} candidates were judged by what their coding tells, "
+        + (checked if many else "and none by a reconstruction."),
     ]
     # One sentence for each kind of reason, with the figures of the first candidate that it leaves out.
     kinds: dict[str, list[str]] = {}

@@ -70,9 +70,11 @@ def next_steps(report: Report, most: int = MOST_STEPS) -> list[NextStep]:
         report: `report.json`.
         most: Largest number of steps.
     """
-    doubted = [found for found in (report.stopped, *report.notes) if found.code.weight is not REMARK]
-    ranked = sorted(doubted, key=lambda found: found.code.weight is not FAILURE)
-    steps = [NextStep(found.code.remedy, found.sentence) for found in ranked]
+    doubted = [found for found in (report.stopped, *report.notes) if found.kind.weight is not REMARK]
+    ranked = sorted(doubted, key=lambda found: found.kind.weight is not FAILURE)
+    # What is found in several exposures is to be mended once.
+    first = {found.kind: found for found in reversed(ranked)}
+    steps = [NextStep(found.kind.remedy, found.sentence) for found in ranked if first[found.kind] is found]
     for rule in (simulation_was_coarse, still_improving, look_at_it):
         step = rule(report)
         steps += [] if step is None else [step]
@@ -128,5 +130,5 @@ def look_at_it(report: Report) -> NextStep | None:
 
 
 def _path_is_uncertain(report: Report) -> bool:
-    """Return whether the run doubts its path."""
-    return report.found(Code.PATH_UNCERTAIN) is not None
+    """Return whether the run doubts its path, or that of an exposure."""
+    return any(note.kind in (Code.PATH_UNCERTAIN, Code.PATH_UNCONFIRMED) for note in report.notes)

@@ -146,9 +146,10 @@ def _where_from(report: Report) -> str:
         return "The views are rendered from the scene."
     if report.verdict == "decode":
         return "The views are those of the decode: its residual on the held-out pixels is smaller than the scene's."
-    combined = report.found(Code.VIEWS_COMBINED)
-    share = None if combined is None else combined.figures["decode"]
-    if isinstance(share, float) and share > 0.5:
+    combined = (note.figures.get("decode") for note in report.notes if note.kind is Code.VIEWS_COMBINED)
+    shares = [share for share in combined if isinstance(share, float)]
+    share = sum(shares) / max(1, len(shares))
+    if share > 0.5:
         return (
             f"The views are mostly those of the decode ({share:.0%}): the scene explains the held-out pixels less well."
         )
@@ -190,10 +191,9 @@ def _scene(evidence: FinishedRun, scene: Gaussians | None, pictures: RunPictures
     if scene is None:
         return Markup()
     height, width = evidence.views.shape[1:3]
-    focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
     alone = next((layer.pictures for layer in pictures.layers if layer.name == "scene"), None) or pictures.recovered
     still = alone[len(alone) // 2]
-    return scene_view(scene, evidence.world_to_camera, (focal_x_px, focal_y_px), (height, width), still)
+    return scene_view(scene, evidence.world_to_camera, evidence.intrinsics, (height, width), still)
 
 
 def _views_lead(pictures: RunPictures) -> str:

@@ -1,9 +1,9 @@
 """The scene and its cameras in three dimensions, inside a page that needs nothing else.
 
 Here: which Gaussians are shown, and their numbers as the page's own program (`templates/scene.js`) reads them: of each
-nine half-precision numbers (place, upper triangle of 10⁴ times the covariance) and four bytes (colour, opacity); and
-the cameras as lines. Everything is in the middle camera's axes, in distances of that camera from what it looks at,
-which is the origin. Not here: drawing.
+nine half-precision numbers (place, upper triangle of 10⁴ times the covariance) and four bytes (colour, from -0.5 to
+1.5, and opacity); and the cameras as lines. Everything is in the middle camera's axes, in distances of that camera from
+what it looks at, which is the origin. Not here: drawing.
 """
 
 import base64
@@ -19,11 +19,12 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import in_camera
 from gs2ci.evaluate.pages.frame import piece
 from gs2ci.evaluate.pages.pictures import Picture
+from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.harmonics import colours_from
 
-# 29 characters of the page each: about half a megabyte.
-MOST_SHOWN: Final = 16_000
+# 29 characters of the page each: about two megabytes.
+MOST_SHOWN: Final = 64_000
 COVARIANCE_SCALE: Final = 1e4
 # Positions beyond this lose precision as half-precision numbers; objects so far away are tiny anyway.
 _FARTHEST: Final = 60.0
@@ -36,7 +37,7 @@ _SYMBOL, _SYMBOL_OF_STEP = 0.03, 0.6
 def scene_view(
     scene: Gaussians,
     world_to_camera: F64,
-    focal_px: tuple[float, float],
+    intrinsics: F64,
     size: tuple[int, int],
     still: Picture | None = None,
 ) -> Markup:
@@ -46,7 +47,7 @@ def scene_view(
         scene: The Gaussians; moving ones are shown at the middle of the exposure, colours that depend on the viewing
             direction as the middle camera sees them.
         world_to_camera: [N, 4, 4].
-        focal_px: Along the rows and along the columns.
+        intrinsics: [3, 3], px.
         size: Height and width of the views, px.
         still: What stands there on paper, and where no script runs; None leaves it out.
     """
@@ -62,13 +63,14 @@ def scene_view(
     places = (places - (0, 0, away)) / away
     covariances = COVARIANCE_SCALE * (axes @ axes.transpose(0, 2, 1)) / away**2
     seen &= np.abs(places).max(axis=1) < _FARTHEST
-    # Gaussians that cover the largest areas come first; those left out are too small to be noticed.
+    # Gaussians that cover the largest areas come first; without the others, detail is missing.
     weight = opacity * np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 1:].prod(axis=1), 0))
     chosen = np.flatnonzero(seen)
     chosen = np.sort(chosen[np.argsort(-weight[chosen], kind="stable")[:MOST_SHOWN]])
     upper = covariances[chosen][:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
     shapes = np.concatenate([places[chosen], np.clip(upper, -_LARGEST, _LARGEST)], axis=1).astype("<f2")
     shades = np.concatenate([colours_from(own, torch.from_numpy(middle)).numpy(), opacity[:, None]], axis=1)[chosen]
+    shades[:, :3] = 0.5 * shades[:, :3] + 0.25  # fitted colours lie beyond 0 to 1, too
     colours = np.round(255 * np.clip(np.nan_to_num(shades), 0, 1)).astype(np.uint8)
     height, width = size
     return piece(
@@ -76,26 +78,25 @@ def scene_view(
         still=still,
         shapes=_text(shapes),
         colours=_text(colours),
-        cameras=_text(_camera_lines(world_to_camera, middle, away, focal_px, size).astype("<f4")),
-        aspect=width / height,
-        focal=focal_px[0] / width,
+        cameras=_text(_camera_lines(world_to_camera, middle, away, intrinsics, size).astype("<f4")),
+        lens=(*intrinsics.diagonal()[:2].tolist(), *intrinsics[:2, 2].tolist()),
+        size=(width, height),
+        widened=DILATION_PX2,
         shown=len(chosen),
         total=len(scene),
     )
 
 
-def _camera_lines(
-    world_to_camera: F64, middle: F64, away: float, focal_px: tuple[float, float], size: tuple[int, int]
-) -> F64:
+def _camera_lines(world_to_camera: F64, middle: F64, away: float, intrinsics: F64, size: tuple[int, int]) -> F64:
     """Return the cameras as pyramids, and the path through them, as ends of lines, [2 L, 3]."""
     to_middle = middle @ np.linalg.inv(world_to_camera)
     to_middle[:, :3, 3] = (to_middle[:, :3, 3] - (0, 0, away)) / away
     centres = to_middle[:, :3, 3]
     steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     side = float(np.clip(_SYMBOL_OF_STEP * steps.mean(), 0.2 * _SYMBOL, _SYMBOL)) if len(steps) else _SYMBOL
-    half = 0.5 * np.array(size[::-1]) / np.array(focal_px)
-    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    corners = side * np.concatenate([signs * half, np.ones((4, 1))], axis=1)
+    height, width = size
+    corners_px = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1.0]])
+    corners = side * corners_px @ np.linalg.inv(intrinsics).T
     lines: list[F64] = []
     for pose in to_middle:
         rim = in_camera(corners, pose)

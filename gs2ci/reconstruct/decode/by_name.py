@@ -4,8 +4,6 @@ Here: GAP-TV, and the patch decoder in its two lengths. Not here: the decoders t
 with which no reconstruction starts (`gs2ci.api.decoders`).
 """
 
-from dataclasses import replace
-
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
@@ -15,26 +13,16 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 
 
-def patch_settings(name: FirstLookName, start: GapTvSettings) -> PatchSettings | None:
-    """Return the settings of the patch decoder for a name; None if it is not used.
-
-    Args:
-        name: Of the decoder.
-        start: Settings of the decode by GAP-TV with which it starts.
-    """
+def patch_settings(name: FirstLookName) -> PatchSettings | None:
+    """Return the settings of the patch decoder for a name; None if it is not used."""
     if name == "gap-tv":
         return None
-    return replace(PatchSettings.quick() if name == "patches-quick" else PatchSettings(), start=start)
+    return PatchSettings.quick() if name == "patches-quick" else PatchSettings()
 
 
-def last_sigma(name: FirstLookName, start: GapTvSettings) -> float | None:
-    """Return the noise level at which a decode ends, full scale 1; None if it is not by patches.
-
-    Args:
-        name: Of the decoder.
-        start: Settings of the decode by GAP-TV with which it starts.
-    """
-    patches = patch_settings(name, start)
+def last_sigma(name: FirstLookName) -> float | None:
+    """Return the noise level at which a decode of a name ends, full scale 1; None if it is not by patches."""
+    patches = patch_settings(name)
     return None if patches is None else patches.last_sigma
 
 
@@ -50,5 +38,7 @@ def decode_by_name(shot: Shot, name: FirstLookName, settings: GapTvSettings, pro
     Raises:
         InputError: The settings make no sense.
     """
-    patches = patch_settings(name, settings)
-    return gap_tv(shot, settings, progress) if patches is None else patch_decode(shot, patches, progress)
+    patches = patch_settings(name)
+    if patches is None:
+        return gap_tv(shot, settings, progress)
+    return patch_decode(shot, patches, progress, begins=settings)

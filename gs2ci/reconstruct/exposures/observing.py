@@ -224,8 +224,8 @@ def observe_all(
     """Observe exposures of one camera in turn; arguments and errors as of `joint.reconstruct_together`.
 
     Where the camera matrix is not known, that estimated for the first exposure is taken for all. Pixels are held out by
-    draws of each exposure's own, so that repeats of a path do not hold out the same. `keeping` observes them and keeps
-    what was found; None: in memory.
+    draws of each exposure's own, so that repeats of a path do not hold out the same; under the same masks they do: one
+    would tell the other's reading there. `keeping` observes them and keeps what was found; None: in memory.
     """
 
     def in_memory(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
@@ -233,7 +233,8 @@ def observe_all(
 
     intrinsics = shots[0].intrinsics
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
-        own = replace(settings, seed=member_seed(settings.seed, number, 0xE1))
+        drawn = [np.array_equal(other.masks, shot.masks) for other in shots].index(True)
+        own = replace(settings, seed=member_seed(settings.seed, drawn, 0xE1))
         given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
         observed = (keeping or in_memory)(number, given, own, score)
         if intrinsics is None:

@@ -49,8 +49,8 @@ class Refined:
     Args:
         geometries: By index of the exposure, each in its own coordinates.
         similarities: common_from_own, by index.
-        errors: Standard errors of each: turn, rad; movement of what it sees, as a share of its distance; scale, as a
-            share; [3]; zeros for the first.
+        errors: Standard errors of each: turn, rad; movement of what it sees, as a share of its distance; [2]; zeros for
+            the first.
         corners: How many corners each shares with others.
         distance_px: Median distance of what is seen from where it should be; None if no corner was found.
     """
@@ -191,9 +191,9 @@ def _path(geometry: Geometry, views: F32, pixels: F64, points: F64) -> F64:
 
 
 def _errors(found: Adjusted, order: Sequence[int]) -> dict[int, F64]:
-    """Return the standard errors of each similarity, [3]; larger than foretold where distances are."""
+    """Return the standard errors of each similarity, [2]; larger than foretold where distances are."""
     deviations = np.sqrt(np.diag(found.covariance).clip(0)).reshape(-1, CHANGES)
-    errors = {order[0]: np.zeros(3)}
+    errors = {order[0]: np.zeros(2)}
     for k, own in zip(order[1:], deviations, strict=True):
-        errors[k] = np.array([np.linalg.norm(own[:3]), np.linalg.norm(own[3:6]), own[6]])
+        errors[k] = np.linalg.norm(own[:6].reshape(2, 3), axis=1)
     return errors

@@ -144,7 +144,6 @@ class Tied:
             its reference view is unchanged.
         turn_error_deg: Standard error of the similarity's rotation.
         place_error: Of the place of what it sees, as a share of its distance from the camera.
-        scale_error: Of the scale, as a share.
         partners: Indices of exposures that see the same things.
         corners: How many of its corners others see.
         turned: Whether the order of its depths was exchanged, because it has more in common with the others so.
@@ -155,7 +154,6 @@ class Tied:
     geometry: Geometry
     turn_error_deg: float
     place_error: float
-    scale_error: float
     partners: tuple[int, ...]
     corners: int
     turned: bool = False
@@ -206,7 +204,7 @@ def tie(exposures: Sequence[Untied]) -> Ties:
         return Ties((), None)
     if len(exposures) == 1 and _finite(exposures[0]):
         only = exposures[0]
-        return Ties((Tied(only.name, Similarity.identity(), only.geometry, 0.0, 0.0, 0.0, (), 0),), None)
+        return Ties((Tied(only.name, Similarity.identity(), only.geometry, 0.0, 0.0, (), 0),), None)
     finite = [number for number, one in enumerate(exposures) if _finite(one)]
     made = in_threads(lambda number: pictures_of(exposures[number].views, exposures[number].geometry), finite)
     pictures = dict(zip(finite, made, strict=True))
@@ -279,7 +277,7 @@ def _found_again(
 
 
 def _tied(name: str, number: int, better: Refined, frame: Closed, *, turned: bool) -> Tied:
-    turn, place, scale = better.errors[number]
+    turn, place = better.errors[number]
     partners = sorted({k for pair in frame.pairs if number in pair for k in pair} - {number})
     return Tied(
         name,
@@ -287,7 +285,6 @@ def _tied(name: str, number: int, better: Refined, frame: Closed, *, turned: boo
         better.geometries[number],
         float(np.degrees(turn)),
         float(place),
-        float(scale),
         tuple(partners),
         better.corners[number],
         turned,

@@ -24,7 +24,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres, relative_to
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
-from gs2ci.core.plugins import load, names
+from gs2ci.core.plugins import brought, names
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.evidence import unexplained
@@ -90,12 +90,12 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         of_the_paper: GeometryPrior | None = paper_part(PaperPart.VGGT)(name)
         if of_the_paper is not None:
             return of_the_paper
-    prior = load(GEOMETRY_GROUP, name)
+    prior = brought(GEOMETRY_GROUP, name)
     if prior is None:
         own = ", ".join(GEOMETRY_NAMES[:-1])
         more = ", ".join(("file:PATH", *names(GEOMETRY_GROUP)))
         raise InputError(f"geometry {name!r}", allowed=f"{own}, {more}, vggt, vggt:FILE or vggt-or-tracks")
-    return prior()
+    return prior
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Protocol
 from gs2ci.core.arrays import F32, F64, Bool, Size
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.findings import Code, finding
+from gs2ci.core.plugins import PluginError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
@@ -97,7 +98,7 @@ def find_geometry(prior: GeometryPrior, request: Request, progress: Progress) ->
     """
     try:
         return prior(request, progress)
-    except (GeometryError, NumericsError) as error:
+    except (GeometryError, NumericsError, PluginError) as error:
         note = finding(Code.SOURCE_FAILED, source=prior.name, problem=error.problem)
         progress.say(note.sentence)
         found = from_tracks(request, progress)

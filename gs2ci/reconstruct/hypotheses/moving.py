@@ -36,6 +36,7 @@ from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.hypotheses.hypothesis import Origin
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
+from gs2ci.reconstruct.measurement.over_time import VISIBLE
 from gs2ci.render.gaussians import Gaussians
 
 # The names of the attempts in reports.
@@ -64,9 +65,8 @@ _LEAST_UNFOLLOWED: Final = 0.03
 _SURELY_PX: Final = 2.0
 # What moves less than this over the whole exposure is not reported as moving, px.
 _WORTH_SAYING_PX: Final = 0.5
-# If the picture changes by less than this (full scale 1, averaged over a few pixels) between the middle of the exposure
+# If the picture, averaged over a few pixels, changes by less than what is visible between the middle of the exposure
 # and its ends, no motion is visible there.
-_VISIBLE_CHANGE: Final = 0.02
 _CHANGE_WINDOW_PX: Final = 3
 
 
@@ -230,7 +230,7 @@ def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Sp
     weight = image[0, :, :, 2:].clamp(min=1e-3)
     shown = renderer.views(scene, pose[None].repeat(3, 1, 1), torch.tensor([-1.0, 0.0, 1.0]))
     change = np.abs(shown[[0, 2]] - shown[1]).max(axis=(0, 3))
-    visible = cv2.blur(change, (_CHANGE_WINDOW_PX, _CHANGE_WINDOW_PX)) >= _VISIBLE_CHANGE
+    visible = cv2.blur(change, (_CHANGE_WINDOW_PX, _CHANGE_WINDOW_PX)) >= VISIBLE
     displacement: F32 = (image[0, :, :, :2] / weight).numpy() * visible[..., None]
     length = np.linalg.norm(displacement, axis=2)
     moves = length >= _WORTH_SAYING_PX

@@ -38,7 +38,7 @@ _FREQUENCIES: Final = 8
 # This quantile of the test's ratios with residuals of other places shows how much too large they are.
 _QUANTILE: Final = 0.95
 # Smaller errors (root mean square over the views, full scale 1) are not worth replacing views.
-_VISIBLE: Final = 0.02
+VISIBLE: Final = 0.02
 # The brightness of blocks holds about half of the squared error of views that cannot follow what moves (0.43 to 0.55 of
 # it in six scenes). Views are replaced if that error is more than half of the squared difference from the other views,
 # so that these err less.
@@ -219,7 +219,7 @@ def _test(products: F64, pixels: F64, count: int) -> _Tested:
     rest = np.maximum(whole - gained, np.finfo(np.float64).eps * whole)
     ratio = np.where(whole > 0, gained / unknowns * freedom[:, None] / np.where(whole > 0, rest, 1), 0).clip(0)
     power_of_offsets = (offsets[..., 0] ** 2).sum(axis=1)
-    visible = testable & (power_of_offsets >= _VISIBLE**2 * count)
+    visible = testable & (power_of_offsets >= VISIBLE**2 * count)
     by_chance = (ratio[:, 1:] / fdtri(unknowns, freedom, _QUANTILE)[:, None])[testable]
     return _Tested(ratio[:, 0], (unknowns, freedom), power_of_offsets, visible, by_chance)
 

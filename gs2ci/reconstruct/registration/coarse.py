@@ -62,7 +62,7 @@ def element_px(total: F64) -> float:
         along = float((fine[lag:] * fine[:-lag]).mean() + (fine[:, lag:] * fine[:, :-lag]).mean()) / 2
         if along < 0.5 * power:
             # Square elements of width d correlate by 1 − lag / d.
-            return max(1.0, float(lag))
+            return float(lag)
     return float(_WIDEST_ELEMENT_PX)
 
 
@@ -106,14 +106,12 @@ class Peak:
         down_px: Shift along the columns.
         right_px: Shift along the rows.
         ratio: The peak divided by the thirtieth highest value elsewhere; 0 if nothing can be concluded.
-        correlation: The peak as a correlation coefficient over the whole picture.
         deviations: The peak divided by the root mean square of the values elsewhere.
     """
 
     down_px: float = 0.0
     right_px: float = 0.0
     ratio: float = 0.0
-    correlation: float = 0.0
     deviations: float = 0.0
 
     @property
@@ -131,9 +129,6 @@ def find_peak(seen: F64, known: F64, reach: Size, element: float) -> Peak:
         reach: Largest shift along rows and columns, px.
         element: Width of the masks' elements, px.
     """
-    norm = float(np.sqrt((seen**2).sum() * (known**2).sum()))
-    if norm == 0:
-        return Peak()
     shape = tuple(fft.next_fast_len(a + r + 1, real=True) for a, r in zip(seen.shape, reach, strict=True))
     match = fft.irfft2(fft.rfft2(seen, shape) * np.conj(fft.rfft2(known, shape)), shape)
     rows, columns = (np.arange(-r, r + 1) for r in reach)
@@ -149,7 +144,7 @@ def find_peak(seen: F64, known: F64, reach: Size, element: float) -> Peak:
     peak = float(near[at])
     ratio = peak / chance if chance > 0 else 0.0
     deviations = peak / max(rms_of(others), 1e-300)
-    return Peak(float(down), float(right), ratio, peak / norm, deviations)
+    return Peak(float(down), float(right), ratio, deviations)
 
 
 def reach_of(size: Size, most_px: int = 64) -> Size:

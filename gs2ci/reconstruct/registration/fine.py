@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F64, Bool, Size
 from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_sums
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
-from gs2ci.reconstruct.registration.parameters import BY_NAME, GEOMETRY, STEP_PX, let_in
+from gs2ci.reconstruct.registration.parameters import BY_NAME, GEOMETRY, MATTERS_PX, STEP_PX, let_in
 from gs2ci.reconstruct.registration.placement import from_middle
 from gs2ci.reconstruct.registration.widening import MaskSum
 
@@ -28,7 +28,7 @@ _ROUNDS: Final = 12
 # Fewer blocks are not enough to estimate the scatter of scores.
 LEAST_BLOCKS: Final = 12
 # In steps of numerical derivatives: half of the least displacement that matters.
-_SETTLED: Final = 0.1
+_SETTLED: Final = MATTERS_PX / (2 * STEP_PX)
 # Longer steps, beyond the range in which the pattern gives a gradient, are shortened to this at the picture's corner.
 _LONGEST_STEP_PX: Final = 1.0
 

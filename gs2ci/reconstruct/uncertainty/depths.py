@@ -1,9 +1,10 @@
 """Standard errors of depths, pixel by pixel.
 
 A depth errs as far as a turn in step with the travel may take the travel's place, the more the less relief was found;
-by the error of a point's place in each view, the more the less the point moves through the views; and where near and
-far meet, because an edge may lie a pixel off. Here: these together, on a device where one works, and the error of
-places, which tracked points tell. Not here: that turn (`poses`), the factors (`factors`).
+by the error of a point's place in each view, the more the less the point moves through the views; and by how far along
+its ray a pixel's light is stopped, since it may be that of the near thing or of the far one. Here: these together, on a
+device where one works, and the error of places, which tracked points tell. Not here: that turn (`poses`), the factors
+(`factors`).
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,6 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import relative_to
 from gs2ci.reconstruct.uncertainty.factors import factors
 from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, middle_depth
-from gs2ci.reconstruct.uncertainty.slopes import slopes
 from gs2ci.render.places import work_place
 
 _WITHIN_ONE: Final = 0.68
@@ -48,8 +48,9 @@ def errors_of_depths(
     sides = [(float(one.min()), float(one.max())) for one in np.moveaxis(seen.rays, -1, 0)]
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
-        own, across = (torch.from_numpy(one).to(device) for one in (depth[view], seen.rays))
-        own, rays, known_there = own.double(), across.double().unbind(dim=-1), own > 0
+        maps = depth[view], seen.spread[view], seen.rays
+        own, spread, across = (torch.from_numpy(one).to(device).double() for one in maps)
+        rays, known_there = across.unbind(dim=-1), own > 0
         ahead = torch.where(known_there, own, 1)
         points = (rays[0] * ahead, rays[1] * ahead, ahead)
         moved = movement(cameras, seen.focal_px, view, points, None if others is None else sides)
@@ -57,15 +58,9 @@ def errors_of_depths(
         # more of a point's movement may be turn, the less the relief that was found is that of the scene.
         by_turn = (turn * per_rad / moved).clamp(max=1) * (middle / ahead - 1).square().add(missing**2).sqrt()
         by_stated = stated * per_rad / moved
-        relative = ((place_px / moved) ** 2 + _by_edge(own) ** 2 + by_turn**2 + by_stated**2).sqrt()
+        relative = ((place_px / moved) ** 2 + spread**2 + by_turn**2 + by_stated**2).sqrt()
         found[view] = torch.where(known_there, relative.clamp(max=1) * own, 0).float().cpu().numpy()
     return found
-
-
-def _by_edge(depth: Tensor) -> Tensor:
-    """Return the relative error of depths, [H, W], where near and far meet."""
-    jump = torch.hypot(*slopes(torch.where(depth > 0, depth, torch.nan).log()))
-    return factors.depth_by_jump * jump.nan_to_num(nan=factors.most_of_jump).clamp(max=factors.most_of_jump)
 
 
 def _missing_relief(known: F32) -> float:
@@ -81,8 +76,9 @@ def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) ->
     """Return the error of places, px, by how depths put tracked points beside where they were followed to in all views.
 
     Where a fit leaves the depth of small or faint things at that of their surroundings, readings hardly show it, and
-    tracks do. What all depths have in common is no error of a place, but scale; what an edge of depth puts beside is
-    stated as such. Depths and tracks both err, and what two estimates differ by is √2 times the error of one.
+    tracks do. What all depths have in common is no error of a place, but scale; what the light's spread along the ray
+    puts beside is stated as such. Depths and tracks both err, and what two estimates differ by is √2 times the error of
+    one.
 
     Args:
         seen: Depths and poses.
@@ -90,8 +86,8 @@ def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) ->
         followed: Slopes of tracked points in each view, [P, N, 2], NaN where one is not seen; None: there are none.
 
     Returns:
-        The error by which, with that of edges, 68 % of them are explained: of a place's movement as depth grows, the
-        root of the sum of squares over the views, as `movement`. `factors.untracked_px` if no point tells.
+        The error by which, with the light's spread, 68 % of them are explained: of a place's movement as depth grows,
+        the root of the sum of squares over the views, as `movement`. `factors.untracked_px` if no point tells.
     """
     if followed is None:
         return factors.untracked_px
@@ -110,11 +106,10 @@ def error_of_places(seen: ReadingsSeen, reference: int, followed: F64 | None) ->
     tells = moved > 0
     if not tells.any():
         return factors.untracked_px
-    edges = _by_edge(torch.from_numpy(seen.depth[reference])).numpy().reshape(-1)[at][tells]
-    moved = moved[tells]
+    spread, moved = seen.spread[reference].reshape(-1)[at][tells], moved[tells]
     beside = (off * steps).sum(axis=(1, 2))[tells] / moved
     common = beside @ moved / (moved @ moved)
-    rest = (beside - common * moved) ** 2 - (edges * moved) ** 2
+    rest = (beside - common * moved) ** 2 - (spread * moved) ** 2
     return float(np.sqrt(np.quantile(rest.clip(min=0), _WITHIN_ONE) / 2))
 
 

@@ -72,10 +72,10 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
         of: The exposure.
         path: What is known of its path; None if there is none, or if things move: then only of the views.
     """
-    depth = of.light.surface().numpy()
     seen = ReadingsSeen(
         views=of.views.delivered,
-        depth=depth,
+        depth=of.light.surface().numpy(),
+        spread=of.light.spread.numpy(),
         rays=pixel_rays(of.renderer),
         world_to_camera=of.world_to_camera,
         focal_px=of.renderer.intrinsics.double().numpy().diagonal()[:2],

@@ -39,8 +39,6 @@ class Factors:
             err independently: what a scene lacks is alike at neighbouring pixels and in all views. Beside the errors of
             given poses, readings tell by so much less.
         turn: The same for turns.
-        turn_counts: In the alignment of two paths, positions decide; orientations only about what they leave open, as
-            the roll about a straight path. A turn of 1 rad counts as an error of a position by this share of the path.
         turn_prior: No camera turns by more than about so many radians against what is known beforehand.
         unseen_px: A turn in step with the travel and a shift of all inverse depths leave the picture as it is
             (bas-relief), but for what a turn does beyond moving the picture as a whole. So many px, in the mean over
@@ -51,9 +49,6 @@ class Factors:
             one far down a corridor, has an uncertain depth.
         untracked_px: The same where no tracked points tell it (`depths.error_of_places`): those of a path that tracks
             did not show are the less sure.
-        depth_by_jump: The error of a depth per relative jump of depth from pixel to pixel: an error of a pixel's
-            breadth in where an edge lies.
-        most_of_jump: Larger jumps count as this.
         unknown_depth: The relative standard error of a depth that no view shows, and what is known beforehand of any;
             the relief that scenes may have, from the nearest sixth of their depths to the farthest.
     """
@@ -71,14 +66,11 @@ class Factors:
 
     position: float = 3.45
     turn: float = 3.84
-    turn_counts: float = 0.02
     turn_prior: float = 0.1
     unseen_px: float = 4.6
     out_of_step: float = 0.1
     place_px: float = 0.25
     untracked_px: float = 1.0
-    depth_by_jump: float = 0.91
-    most_of_jump: float = 0.3
     unknown_depth: float = 0.5
 
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import torch
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_matrix, csr_matrix
@@ -25,7 +24,6 @@ from gs2ci.core.arrays import F32, F64, I64
 from gs2ci.core.cameras import camera_centres, in_camera, in_world, path_extent
 from gs2ci.reconstruct.fit.optimiser.poses import LEAST_EXTENT
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 # Depths are asked for in so many cells of the reference view at most: the matrix is dense.
 _MOST_CELLS: Final = 250
@@ -51,6 +49,7 @@ class ReadingsSeen:
     Args:
         views: [N, H, W, C].
         depth: Along the optical axis, [N, H, W]; 0 where there is none.
+        spread: Of where along the ray a pixel's light is stopped, as a share of depth, [N, H, W] (`StoppedLight`).
         rays: Of the pixels, at z = 1, [H, W, 2].
         world_to_camera: [N, 4, 4].
         focal_px: Focal lengths, [2].
@@ -60,6 +59,7 @@ class ReadingsSeen:
 
     views: F32
     depth: F32
+    spread: F32
     rays: F32
     world_to_camera: F64
     focal_px: F64
@@ -160,8 +160,9 @@ def _cells(seen: ReadingsSeen, reference: int, chosen: I64) -> tuple[I64, int]:
 def _gradients(view: F32) -> F64:
     """Return the gradient of a view, [H, W, C], along x and y, [H * W, C, 2]."""
     smooth = gaussian_filter(view.astype(np.float64), (_SMOOTH_PX, _SMOOTH_PX, 0), mode="nearest")
-    down, across = slopes(torch.from_numpy(smooth).movedim(-1, 0))
-    return torch.stack([across, down], dim=-1).movedim(0, -2).reshape(-1, view.shape[2], 2).numpy()
+    # Along a side of a single pixel nothing changes.
+    along = [np.gradient(smooth, axis=side) if smooth.shape[side] > 1 else 0 * smooth for side in (1, 0)]
+    return np.stack(along, axis=-1).reshape(-1, view.shape[2], 2)
 
 
 def _flow(points: F64, focal_px: F64) -> F64:

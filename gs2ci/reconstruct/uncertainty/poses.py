@@ -63,7 +63,7 @@ def errors_of_poses(
     centres = camera_centres(world_to_camera)
     moved = centres - centres.mean(axis=0)
     aligned = _aligned(world_to_camera, moved)
-    position = np.sqrt(_squares(aligned @ covariance @ aligned.T).reshape(count, 2, 3)[:, 0].sum(axis=1))
+    position = np.sqrt(_squares(aligned @ covariance @ aligned.T).reshape(count, 3).sum(axis=1))
     apart = _turns_apart(world_to_camera)
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     everywhere = centres if everywhere is None else everywhere
@@ -87,21 +87,15 @@ def _squares(matrix: F64) -> F64:
 
 
 def _aligned(world_to_camera: F64, moved: F64) -> F64:
-    """Return the map from twists to errors after alignment, [6 N, 6 N]: position, then turn, of each camera."""
+    """Return the map from twists to errors of positions after alignment, [3 N, 6 N]."""
     count = len(moved)
-    errors = np.zeros((6 * count, 6 * count))
-    gauge = np.zeros((6 * count, 7))
-    weights = np.ones(6 * count)
-    extent = float(np.linalg.norm(np.ptp(moved, axis=0)))
+    errors = np.zeros((3 * count, 6 * count))
+    gauge = np.zeros((3 * count, 7))
     for view in range(count):
-        place, turn = slice(6 * view, 6 * view + 3), slice(6 * view + 3, 6 * view + 6)
-        errors[place, place] = -world_to_camera[view, :3, :3].T
-        errors[turn, turn] = world_to_camera[view, :3, :3].T
+        place = slice(3 * view, 3 * view + 3)
+        errors[place, 6 * view : 6 * view + 3] = -world_to_camera[view, :3, :3].T
         gauge[place] = np.hstack([np.eye(3), -np.cross(np.eye(3), moved[view]), moved[view][:, None]])
-        gauge[turn, 3:6] = -np.eye(3)
-        weights[turn] = factors.turn_counts * extent
-    weighted = gauge * weights[:, None]
-    return errors - gauge @ (np.linalg.pinv(weighted) * weights) @ errors
+    return errors - gauge @ np.linalg.pinv(gauge) @ errors
 
 
 def _turns_apart(world_to_camera: F64) -> F64:

@@ -62,7 +62,9 @@ def _table_of(kind: str) -> type[Procedural]:
         for name, argument in signature(_PROCEDURES[kind]).parameters.items()
         if argument.kind is argument.KEYWORD_ONLY and name != "field_of_view_deg"  # which is the camera's
     }
-    return create_model(kind, __base__=Procedural, **keys | {"kind": (Literal[kind], ...)})
+    # A class that stands in no file has no docstrings there, for which pydantic would search through all modules.
+    unsought = {"use_attribute_docstrings": False}
+    return create_model(kind, __base__=Procedural, __cls_kwargs__=unsought, **keys | {"kind": (Literal[kind], ...)})
 
 
 class Photograph(ConfigTable):

@@ -1,5 +1,11 @@
 """The twin of a Santec SLM-200 class panel and its controller: frames, memory slots, a slow liquid crystal.
 
+It follows Santec's own source for macOS (SlmCtrl.m, 2022) and its manual of the library SLMFunc: commands end with a
+line feed; the number of a row stands in the bytes 9 to 11, low byte first; while busy it answers BS and takes no
+command; the slot that DS shows cannot be overwritten (SLM_Ctrl_WriteMI); a change to memory mode takes 40 s, in which
+there is no response (SLM_Ctrl_WriteVI; at power-up it shows its video input); an image is not read while it is asked
+for its status at once (slm_Ctrl_WriteMI: "without waiting here it fails however often one tries").
+
 Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`). It shares no
 code with the driver.
 """
@@ -19,6 +25,8 @@ WIDTH: Final = 1920
 TOP: Final = 1023
 _COMMAND_S: Final = 2e-3
 _IMAGE_S: Final = 0.145
+_MODE_S: Final = 40.0
+_READS_S: Final = 0.1
 _USB_BAUD: Final = 2_000_000_000
 _ROW_FRAME: Final = 16 + 4096
 _TEXT_FRAME: Final = 16 + 1024
@@ -53,8 +61,8 @@ class DisplaySlmTwin(SerialTwin):
 
     @property
     def terminators(self) -> bytes:
-        """Get the carriage return, which ends commands within their frames."""
-        return b"\r"
+        """Get the line feed, which ends commands within their frames."""
+        return b"\n"
 
     def power_cycle(self) -> None:
         """Cut the power for a moment: the connection and all slots are lost."""
@@ -68,6 +76,8 @@ class DisplaySlmTwin(SerialTwin):
         self._target = 0
         self._pulses = False
         self._from_memory = False
+        self._shown: int | None = None
+        self._image_end_s = 0.0
         self._rows: dict[int, bytes] = {}
         self._word = ""
         self._word_from_s = 0.0
@@ -96,19 +106,18 @@ class DisplaySlmTwin(SerialTwin):
     def _frame(self, frame: bytes) -> None:
         kind = frame[7] if len(frame) >= 16 else 0
         if kind == 1:
-            self._line(frame[16:].split(b"\0", 1)[0].rstrip(b"\r"))
+            self._line(frame[16:].split(b"\0", 1)[0])
         elif kind == 2:
             self._tell()
         elif kind == 4:
-            self._take_row(int.from_bytes(frame[8:12], "big"), frame[16:])
+            self._take_row(frame[9] + (frame[10] << 8) + (frame[11] << 16), frame[16:])
 
     def _tell(self) -> None:
         now_s = self.clock.now_s()
-        word = self._word if now_s >= self._word_from_s else ""
-        if now_s < self._busy_until_s:
-            word = "BS"
-        elif word:
+        if now_s < self._image_end_s + _READS_S:
             self._word = ""
+        word = self._word if now_s >= self._word_from_s else "NO RESPONSE"
+        self._word = "" if word == self._word else self._word
         self._reply(self._status_frame(word), "status", delay_s=200e-6)
 
     def _status_frame(self, word: str) -> bytes:
@@ -116,9 +125,6 @@ class DisplaySlmTwin(SerialTwin):
         return b"SEND\x00\xff\x00" + bytes([kind]) + bytes(8) + word.encode("ascii").ljust(1024, b"\0")
 
     def _finish(self, word: str, about: str, takes_s: float = _COMMAND_S) -> None:
-        busy = self.faults.take("slm.busy", about)
-        if busy:
-            self._busy_until_s = self.clock.now_s() + busy.value
         if self.faults.take("slm.refuses", about):
             word = "NG"
         if self.faults.take("slm.no_response", about):
@@ -126,27 +132,40 @@ class DisplaySlmTwin(SerialTwin):
         self._word, self._word_from_s = word, self.clock.now_s() + takes_s
 
     def _line(self, line: bytes) -> None:
-        text = line.decode("ascii", "replace")
-        head, _, rest = text.partition(" ")
+        text, now_s = line.decode("ascii", "replace"), self.clock.now_s()
+        if not text.endswith("\n"):
+            return
+        head, _, rest = text.strip().partition(" ")
+        busy = self.faults.take("slm.busy", text.strip())
+        if busy:
+            self._busy_until_s = now_s + busy.value
+        if now_s < self._busy_until_s:
+            self._finish("BS", text.strip())
+            return
+        changes = head == "VI" and rest == "0" and not self._from_memory
         numbers = [int(field) for field in rest.split() if field.isdigit()]
-        self._finish(self._obey(head, numbers), text)
+        self._finish(self._obey(head, numbers), text.strip(), _MODE_S if changes else _COMMAND_S)
 
     def _obey(self, head: str, numbers: list[int]) -> str:
         if head == "SN":
             return "2018021101"
+        if head == "VI" and not numbers:
+            return str(int(not self._from_memory))
         if len(numbers) != 1:
             return "NG"
         value = numbers[0]
         if head == "VI" and value <= 1:
             self._from_memory = value == 0
-        elif head == "MI" and 1 <= value <= 128:
+        elif head == "MI" and 1 <= value <= 128 and value != self._shown:
             self._target = value
             self._rows.clear()
         elif head == "DS" and value in self.slots and self._from_memory:
+            self._shown = value
             self.panel.set(self._passes[self.slots[value]], self._full)
             if self._pulses:
                 self.panel.pulse()
         elif head == "GS" and value <= TOP:
+            self._shown = None
             passed = self._passes[value]
             self.panel.set(np.full((HEIGHT, WIDTH), passed) if passed else None, self._full)
         elif head == "TM" and value <= 1:
@@ -160,6 +179,7 @@ class DisplaySlmTwin(SerialTwin):
             self._rows[row] = data
         if row != HEIGHT - 1:
             return
+        self._image_end_s = self.clock.now_s()
         rows, self._rows = self._rows, {}
         if sorted(rows) != list(range(HEIGHT)) or not self._target:
             self._finish("NG", "image", _IMAGE_S)

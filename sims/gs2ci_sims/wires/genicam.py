@@ -136,7 +136,7 @@ class GenicamTwin:
             exposure_s=self._exposure_s,
             deliver=self._deliver,
             active_low=self._active_low,
-            delay_s=lambda: self.nodes.of_number("TriggerDelay", FRAME) * self._unit_s,
+            delay_s=self._delay_s,
         )
 
     def _power_up(self) -> None:
@@ -336,6 +336,9 @@ class GenicamTwin:
 
     _unit_s: float = US
     """Unit of its times."""
+
+    def _delay_s(self) -> float:
+        return self.nodes.of_number("TriggerDelay", FRAME) * self._unit_s
 
     def _exposure_s(self) -> float:
         return self.nodes.number("ExposureTime") * self._unit_s

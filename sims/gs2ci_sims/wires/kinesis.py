@@ -12,6 +12,8 @@ Communications Protocol":
 - MGMSG_MOT_SET_GENMOVEPARAMS: a move in reverse goes past its target by this "backlash distance" and returns to it
   (BMS001 manual, D.3.1: "a negative move ... first causes the stage to overshoot the target position and then move
   positively through a small amount", "enabled as its default mode of operation");
+- MGMSG_MOT_REQ_PMDSTAGEAXISPARAMS: brushless controllers tell what the memory in the stage's plug holds, in 74 bytes
+  (Thorlabs' BrushlessMotor.h, MOT_StageAxisParameters); others do not know the message;
 - MGMSG_MOT_MOVE_STOP: parameter 1 at once, 2 with deceleration; then MGMSG_MOT_MOVE_STOPPED;
 - a motor that is switched off ignores moves.
 
@@ -53,6 +55,7 @@ class AptAxis:
         start_mm: Where it stands at power-up.
         mechanics: The errors between counted and true position.
         overshoot_mm: Backlash distance at power-up; direct drives have none.
+        part: Part number in its plug.
     """
 
     counts_per_mm: float = 20000.0
@@ -63,6 +66,7 @@ class AptAxis:
     start_mm: float = 55.0
     mechanics: Mechanics = field(default_factory=Mechanics)
     overshoot_mm: float = 0.0
+    part: str = "MLS203"
 
     @property
     def speed_unit(self) -> float:
@@ -85,9 +89,9 @@ BUILT: Final[dict[str, AptAxis]] = {
     "Z825": replace(_Z8, speed_mm_s=2.6, acceleration_mm_s2=4.0),
     "MLS203-X": AptAxis(),
     "MLS203-Y": AptAxis(travel_mm=75.0, start_mm=37.5),
-    "DDSM50": AptAxis(2000.0, 50.0, 100.0, 1000.0, start_mm=25.0),
-    "DDSM100": AptAxis(2000.0, 100.0, 100.0, 1000.0, start_mm=50.0),
-    "DDS220": AptAxis(20000.0, 220.0, 100.0, 1000.0, start_mm=110.0),
+    "DDSM50": AptAxis(2000.0, 50.0, 100.0, 1000.0, start_mm=25.0, part="DDSM50"),
+    "DDSM100": AptAxis(2000.0, 100.0, 100.0, 1000.0, start_mm=50.0, part="DDSM100"),
+    "DDS220": AptAxis(20000.0, 220.0, 100.0, 1000.0, start_mm=110.0, part="DDS220"),
     "LTS150": AptAxis(409600.0, 150.0, 20.0, 20.0, 0.0, 75.0, overshoot_mm=_SCREW_MM),
     "LTS300": AptAxis(409600.0, 300.0, 20.0, 20.0, 0.0, 150.0, overshoot_mm=_SCREW_MM),
 }
@@ -237,6 +241,7 @@ class KinesisTwin(SerialTwin):
             0x0465: lambda: self._stop(dest, axis, at_once=second == 1),
             0x046B: self.suspend_end_of_move_messages,
             0x046C: lambda: setattr(self, "_ends_told", True),
+            0x04F1: lambda: self._tell_plug(dest, axis.built),
             0x0492: lambda: setattr(self, "_updates_left", MOST_UPDATES if self._updates_left else 0),
         }
         handlers.get(ident, lambda: None)()
@@ -254,6 +259,14 @@ class KinesisTwin(SerialTwin):
     def _set_speed(self, axis: _Axis, body: bytes) -> None:
         _, _, axis.acceleration, axis.speed = struct.unpack_from("<Hiii", body)
         axis.motion.acceleration_mm_s2 = axis.acceleration / axis.built.acceleration_unit
+
+    def _tell_plug(self, address: int, built: AptAxis) -> None:
+        if built.sample_s != AptAxis.sample_s:
+            return
+        counts = round(built.counts_per_mm)
+        data = struct.pack("<HHH", 1, 5, 1) + built.part.encode("ascii").ljust(16, b"\0")
+        data += struct.pack("<IIii", 27250002, counts, 0, round(built.travel_mm * counts))
+        self._answer(0x04F2, address, data + bytes(74 - len(data)))
 
     def _home(self, address: int, axis: _Axis) -> None:
         if not axis.enabled:

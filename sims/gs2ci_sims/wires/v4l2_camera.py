@@ -16,9 +16,11 @@ from gs2ci.core.errors import InputError
 from gs2ci_sims.wires.shutter import ShutterModel, Shutting
 
 BITS = {"GREY": 8, "Y10 ": 10, "Y12 ": 12, "Y16 ": 16, "Y10P": 10, "Y12P": 12, "RGGB": 8, "RG10": 10, "RG12": 12}
-BITS |= {"RG16": 16, "pRAA": 10, "pRCC": 12}
+BITS |= {"RG16": 16, "pRAA": 10, "pRCC": 12, "Y14 ": 14, "RG14": 14, "Y14P": 14, "pREE": 14}
 FIVE_FOURTHS = ("Y10P", "pRAA")
 THREE_HALVES = ("Y12P", "pRCC")
+SEVEN_FOURTHS = ("Y14P", "pREE")
+"""linux, pixfmt-srggb14p.rst: four high bytes, then 24 bits with six low bits of each pixel, the first pixel lowest."""
 ONE = ("GREY", "RGGB")
 _LEAST_SIDE: Final = 4
 PADDING_BYTE = 0xA5
@@ -141,6 +143,8 @@ def row_bytes(code: str, width: int) -> int:
         return width
     if code in FIVE_FOURTHS:
         return width // 4 * 5
+    if code in SEVEN_FOURTHS:
+        return width // 4 * 7
     return width // 2 * 3 if code in THREE_HALVES else 2 * width
 
 
@@ -165,6 +169,13 @@ def pack_frame(pixels: U16, code: str, stride: int) -> U8:
         for i in range(4):
             line[:, i::5] = fours[:, :, i] // 4
         line[:, 4::5] = (fours % 4 * np.array([1, 4, 16, 64], np.uint16)).sum(axis=2)
+    elif code in SEVEN_FOURTHS:
+        fours = pixels.reshape(height, -1, 4).astype(np.uint32)
+        low = (fours % 64 * np.array([1, 64, 64**2, 64**3], np.uint32)).sum(axis=2)
+        for i in range(4):
+            line[:, i::7] = fours[:, :, i] // 64
+        for k in range(3):
+            line[:, 4 + k :: 7] = low // 256**k % 256
     elif code in THREE_HALVES:
         first, second = pixels[:, 0::2], pixels[:, 1::2]
         line[:, 0::3], line[:, 1::3] = first // 16, second // 16

@@ -363,3 +363,24 @@ def test_a_shot_takes_camera_lens_and_poses_from_files(tmp_path):
         import_file(
             tmp_path / "shot.npz", intrinsics=ros(tmp_path, (0.1, 0, 0, 0.01, 0, 0.2, 0, 0), "rational_polynomial")
         )
+
+
+def test_matrices_that_are_written_column_by_column_are_turned_before_anything_else(tmp_path):
+    """ARKit's are; turned at the end they were other rigid motions."""
+    held = nerfstudio_transforms(poses(12), CAMERA, SIZE)
+    for frame in held["frames"]:
+        frame["transform_matrix"] = np.array(frame["transform_matrix"]).T.ravel().tolist()
+    found = read_cameras(transforms(tmp_path, frames=held["frames"]), 12, SIZE)
+    np.testing.assert_allclose(found.world_to_camera, poses(12), atol=1e-12)
+
+
+def test_names_that_differ_in_no_number_are_refused_unless_the_file_has_their_order(tmp_path):
+    held = nerfstudio_transforms(poses(3), CAMERA, SIZE)
+    for name, frame in zip(("run1/one.png", "run1/two.png", "run1/three.png"), held["frames"], strict=True):
+        frame["file_path"] = name
+    with pytest.raises(InputError, match=r"such as .run1/one\.png., differ in no number"):
+        read_cameras(transforms(tmp_path, 3, frames=held["frames"]), 3, SIZE)
+    for name, frame in zip("abc", held["frames"], strict=True):
+        frame["file_path"] = f"{name}.png"
+    found = read_cameras(transforms(tmp_path, 3, frames=held["frames"]), 3, SIZE)
+    np.testing.assert_allclose(found.world_to_camera, poses(3), atol=1e-12)

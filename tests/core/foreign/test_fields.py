@@ -177,3 +177,15 @@ def test_other_hdf5_files_name_what_is_left(bench, tmp_path):
         file["meas"], file["masks"], file["log/text"] = meas, masks, "made by hand"
     imported = import_shots(tmp_path / "a.h5", None, ImportOptions(scale=255.0))
     assert any("not used: 'log/text' []" in guess for guess in imported.guesses)
+
+
+def test_a_dark_frame_of_one_number_is_the_reading_without_light(bench, take):
+    masks, meas, _ = bench
+    shot = take(ImportOptions(scale=255.0), meas=64 + meas, masks=masks, dark=np.array(64)).shots[0]
+    assert np.allclose(shot.measurement[..., 0] * 255, meas, atol=1e-3)
+
+
+def test_a_table_of_correction_factors_is_doubted_as_a_white_frame(bench, take, said):
+    masks, meas, fall = bench
+    assert said(take(meas=meas * fall, masks=masks, flat=1 / fall), "if it holds factors of correction, save 1 / it")
+    assert not said(take(meas=meas * fall, masks=masks, flat=fall), "factors of correction")

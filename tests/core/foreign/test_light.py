@@ -215,3 +215,53 @@ def test_drawn_spoiled_measurements_are_named_at_import(how, tmp_path):
         if how == "more":
             assert len(imported.shots[0].masks) == len(drawn.shown)
     assert named >= (6 if how == "fewer" else 8)
+
+
+@pytest.mark.parametrize("power", [1.0, 0.5])
+def test_masks_that_were_divided_where_readings_were_not_are_taken_as_they_were(bench, take, said, power):
+    masks, meas = bench()
+    divided = masks / np.maximum(masks.sum(axis=0), 1) ** power
+    imported = take(ImportOptions(scale=255.0), meas=meas, masks=divided)
+    assert said(imported, "the masks were divided at each pixel by their")
+    assert np.allclose(imported.shots[0].masks, masks, atol=1e-6)
+    both = take(ImportOptions(scale=255.0), meas=meas / np.maximum(masks.sum(axis=0), 1) ** power, masks=divided)
+    assert not said(both, "were divided at each pixel")
+    in_turn = (np.arange(4)[:, None, None] == np.arange(masks[0].size).reshape(masks[0].shape) % 5).astype(float)
+    once = take(ImportOptions(scale=255.0), meas=in_turn.sum(axis=0) * meas.mean(), masks=in_turn)
+    assert not said(once, "were divided at each pixel")
+    assert np.allclose(both.shots[0].masks, divided, atol=1e-6)
+
+
+def test_a_negative_is_refused_and_not_taken_for_inverted_masks(bench, take):
+    masks, meas = bench()
+    with pytest.raises(InputError, match=r"a negative: .*1023 - reading grows"):
+        take(meas=(1023 - meas * 0.5).clip(0).astype(np.uint16), masks=masks)
+
+
+def test_readings_whose_bytes_are_exchanged_are_refused(bench, take):
+    masks, meas = bench()
+    with pytest.raises(InputError, match="two bytes of each reading are exchanged"):
+        take(meas=np.rint(meas).astype(np.uint16).byteswap(), masks=masks)
+
+
+def test_a_sum_that_went_round_too_often_is_not_said_to_be_mended(bench, take, said):
+    masks, meas = bench()
+    imported = take(
+        ImportOptions(scale=255.0), meas=(np.rint(meas * 1.3).astype(int) % 256).astype(np.uint8), masks=masks
+    )
+    assert said(imported, "too many for all to be put back")
+
+
+def test_a_stretched_contrast_that_clips_is_named(bench, take, said):
+    masks, meas = bench()
+    low, high = np.quantile(meas, (0.25, 0.99))
+    imported = take(meas=np.rint(255 * ((meas - low) / (high - low)).clip(0, 1)).astype(np.uint8), masks=masks)
+    assert said(imported, "times as fast as the masks open: was too much subtracted")
+
+
+def test_readings_from_which_a_mean_was_subtracted_are_named(bench, take, said):
+    masks, meas = bench()
+    assert said(take(meas=(meas - meas.mean()) / meas.std(), masks=masks), "as after a mean is subtracted")
+    assert said(
+        take(ImportOptions(scale=255.0), meas=meas - 1.05 * meas.mean(), masks=masks), "as after a mean is subtracted"
+    )

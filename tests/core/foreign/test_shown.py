@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.shown import traces
 
@@ -170,15 +171,40 @@ def test_an_offset_that_is_too_large_for_masks_that_close_is_named(many, take, s
     assert not [guess for guess in right.guesses if guess.startswith("WARNING")]
 
 
-def test_measurements_with_masks_of_their_own_in_one_list_are_named(many, take, said):
-    masks, read = many
-    meas = np.stack([read(range(8)), read(range(8, 16))])
-    imported = take(ImportOptions(scale=255.0), meas=meas, masks=masks)
-    assert said(imported, "measurement 0 shows masks 0 to 7, measurement 1 masks 8 to 15")
-    assert len(imported.shots[0].masks) == 16
-
-
 def test_a_black_level_that_was_subtracted_too_far_is_named(many, take, said):
     masks, read = many
     meas = np.maximum(read(range(8)) - 250, 0)
     assert said(take(ImportOptions(scale=255.0), meas=meas, masks=masks[:8]), "too much subtracted")
+
+
+def test_white_and_dark_frames_among_the_masks_that_were_not_shown_are_left_out(many, take, said):
+    masks, read = many
+    frames = np.concatenate([np.ones_like(masks[:1]), masks[:6], np.zeros_like(masks[:1])])
+    imported = take(ImportOptions(scale=255.0), meas=read(range(6)), masks=frames)
+    assert said(imported, "masks 0, 7 are white and dark frames that were not shown")
+    assert np.array_equal(imported.shots[0].masks, masks[:6])
+    kept = take(ImportOptions(scale=255.0, views=8), meas=read(range(6)), masks=frames)
+    assert np.array_equal(kept.shots[0].masks, frames)
+
+
+def test_a_white_mask_that_was_shown_is_kept(many, take):
+    masks, read = many
+    frames = np.concatenate([np.ones_like(masks[:1]), masks[:6]])
+    imported = take(ImportOptions(scale=255.0), meas=read(range(6)) + 128, masks=frames)
+    assert np.array_equal(imported.shots[0].masks, frames)
+
+
+def test_measurements_under_masks_of_their_own_are_refused_even_as_three_colours(many, take):
+    masks, read = many
+    meas = np.stack([read(range(5 * k, 5 * k + 5)) for k in range(3)])
+    with pytest.raises(InputError, match="one measurement shows masks 5 to 9, plane 0 masks 0 to 4"):
+        take(ImportOptions(scale=255.0), meas=meas, masks=masks[:15])
+    with pytest.raises(InputError, match="one measurement shows masks 0 to 4, measurement 1 masks 5 to 9"):
+        take(ImportOptions(scale=255.0, meas_layout="stack"), meas=meas, masks=masks[:15])
+
+
+def test_pictures_of_bit_planes_are_named(many, take, said):
+    masks, read = many
+    planes = np.packbits(masks.astype(bool), axis=0)
+    imported = take(ImportOptions(scale=255.0), meas=read(range(16)), masks=planes)
+    assert said(imported, "is each bit a mask, as in the pictures of a modulator")

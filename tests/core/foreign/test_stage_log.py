@@ -1,5 +1,7 @@
 """The log of a user's own stage beside a measurement: poses, and what is no such log."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -122,6 +124,18 @@ def test_a_log_beside_a_measurement_is_its_telemetry(scene, take, said, tmp_path
     assert shot.truth.world_to_camera is None
 
 
+def test_poses_of_another_program_are_told_with_their_order(tmp_path):
+    frames = [
+        {"file_path": f"images/{k}.png", "transform_matrix": [[1, 0, 0, k], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+        for k in (10, 9, 2, 1)
+    ]
+    camera = {"w": 64, "h": 48, "fl_x": 90, "fl_y": 90, "cx": 32, "cy": 24}
+    told = []
+    found = stage_poses(log(tmp_path, json.dumps({**camera, "frames": frames}), "t.json"), USUAL_WAYS, told)
+    assert np.allclose(centres(found)[:, 0], [1, 2, 9, 10])
+    assert told == ["t.json: poses of the stage, in the order of the numbers in the pictures' names"]
+
+
 def test_each_of_several_exposures_takes_its_part_of_the_log(scene, take, tmp_path):
     made = [scene(n=4, seed=seed) for seed in (0, 1)]
     options = ImportOptions(stage=log(tmp_path, rows(np.concatenate([PLACES, PLACES + 7]))))
@@ -178,3 +192,20 @@ def test_eight_named_columns_are_no_trajectory(tmp_path):
 def test_a_log_may_be_written_as_spreadsheets_do(tmp_path, coding):
     (tmp_path / "stage.csv").write_bytes(("x_µm,y_µm,z_µm\n" + rows(1000 * PLACES)).encode(coding))
     assert np.allclose(centres(stage_poses(tmp_path / "stage.csv", USUAL_WAYS, [])), PLACES)
+
+
+def test_rows_of_tum_whose_times_do_not_grow_are_refused(tmp_path):
+    turn = np.tile([0.0, 0, 0, 1], (4, 1))
+    with pytest.raises(InputError, match="times that do not grow"):
+        stage_poses(log(tmp_path, rows(np.c_[[0, 2, 1, 3], PLACES, turn], " "), "tum.txt"), USUAL_WAYS, [])
+
+
+def test_a_quaternion_that_seems_to_begin_with_w_is_doubted(tmp_path):
+    guesses = []
+    turn = np.tile([1.0, 0, 0, 0], (4, 1))
+    stage_poses(log(tmp_path, rows(np.c_[np.arange(4), PLACES, turn], " "), "tum.txt"), USUAL_WAYS, guesses)
+    assert any("TUM's last one is w" in guess for guess in guesses)
+    named = stage_poses(
+        log(tmp_path, "t,x,y,z,qw,qx,qy,qz\n" + rows(np.c_[np.arange(4), PLACES, turn])), USUAL_WAYS, []
+    )
+    assert np.allclose(named.values[:, :3, :3], np.eye(3))

@@ -377,6 +377,7 @@ def test_a_write_that_the_disk_refuses_after_all_is_an_error_and_no_valid_row(tm
     assert not ended.stderr
     assert ended.stdout.startswith("3 ")
     assert "row 3 cannot be written" in ended.stdout
+    assert "File too large allow larger files (`ulimit -f`); save the rows before it" in ended.stdout
     assert f"gs2ci recover {tmp_path / 'shot.h5.partial'}" in ended.stdout
     if end:
         assert len(ended.stdout.splitlines()) == 2

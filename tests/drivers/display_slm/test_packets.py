@@ -15,7 +15,7 @@ STATUS = bytes.fromhex("53454e44 00ff 00 03 00000000 00000000") + b"OK".ljust(10
 def test_a_command_is_a_header_and_1024_bytes_of_text() -> None:
     frame = control("DS 12")
     assert frame[:16] == bytes.fromhex("53454e44 00ff 00 01 00000000 00000000")
-    assert frame[16:] == b"DS 12\r".ljust(1024, b"\0")
+    assert frame[16:] == b"DS 12\n".ljust(1024, b"\0")
 
 
 def test_a_status_request_is_a_bare_header() -> None:
@@ -30,7 +30,9 @@ def test_an_image_is_a_frame_per_row_and_the_sum_in_the_last_four_bytes() -> Non
     assert len(frames) == 1200 * 4112
     assert frames[:20] == bytes.fromhex("53454e44 03bf 00 04 00000000 00000000 0201 0302")
     last = frames[-4112:]
-    assert last[:16] == bytes.fromhex("53454e44 03bf 00 04 000004af 00000000")
+    assert last[:16] == bytes.fromhex("53454e44 03bf 00 04 00 af0400 00000000")
+    # SlmCtrl.m, slm_Ctrl_WriteMI: the row's number stands in acBuf[9], [10] and [11], its low byte first
+    assert frames[300 * 4112 + 8 : 300 * 4112 + 12] == bytes([0, 300 % 256, 300 // 256, 0])
     assert last[16 + 3838 : 16 + 3840] == bytes.fromhex("ff03")
     assert last[-4:] == (0x0102 + 0x0203 + 1023).to_bytes(4, "little")
 
@@ -41,7 +43,7 @@ def test_an_image_that_does_not_fit_is_refused(levels: U16) -> None:
         image(levels)
 
 
-@pytest.mark.parametrize("text", ["Ä", "A\rB", "x" * 1024])
+@pytest.mark.parametrize("text", ["Ä", "A\nB", "x" * 1024])
 def test_a_command_that_is_no_line_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="ASCII"):
         control(text)

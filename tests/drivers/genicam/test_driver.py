@@ -120,7 +120,7 @@ def test_exposure_gain_and_features_are_set_and_automatics_are_off():
     assert any("AcquisitionFrameRate = 12.3456 was requested, 12.346" in text for text in one.sensor.incidents)
 
 
-@pytest.mark.parametrize("tells", ["rate", "allied", "limit"])
+@pytest.mark.parametrize("tells", ["rate", "allied", "balluff", "limit"])
 @pytest.mark.parametrize("mode", list(TriggerMode))
 @pytest.mark.parametrize("exposure_s", [2e-5, 1e-3, 0.02, 0.5, 10.0])
 @pytest.mark.parametrize(("period_s", "readout_s"), [(1 / 60, 1e-3), (1 / 200, 0.03)])

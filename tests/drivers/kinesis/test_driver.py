@@ -232,7 +232,7 @@ def test_a_stop_before_the_status_shows_the_motion_waits_for_rest():
 
 
 def test_a_controller_at_its_limit_switch_warns():
-    _, _, stage = make({"x": AptAxis(travel_mm=50.0, start_mm=50.0)}, KinesisOptions(stages={"x": "MLS203-X"}))
+    _, _, stage = make({"x": AptAxis(start_mm=110.0)}, KinesisOptions(stages={"x": "MLS203-X"}))
     stage.connect()
     assert stage.status().warnings == ("axis x: at a limit switch",)
 
@@ -295,6 +295,30 @@ def test_a_bay_that_the_controller_does_not_have_is_refused():
     _, _, stage = make({"x": AptAxis(), "y": AptAxis()}, settings, model="BBD202")
     with pytest.raises(UnsupportedError, match="2 bays, an axis is in bay 3"):
         stage.connect()
+
+
+@pytest.mark.parametrize(
+    ("stated", "built", "told"),
+    [
+        ("MLS203-X", "DDSM100", "DDSM100, 2000 counts per mm, 100 mm of travel"),
+        ("MLS203-X", "MLS203-Y", "MLS203, 20000 counts per mm, 75 mm of travel"),
+    ],
+)
+def test_another_stage_than_the_rig_files_is_refused_where_its_plug_tells(stated, built, told):
+    _, _, stage = make({"x": BUILT[built]}, KinesisOptions(stages={"x": stated}))
+    with pytest.raises(UnsupportedError, match=f"axis x: {told}.*20000 counts per mm and 110 mm"):
+        stage.connect()
+    settings = KinesisOptions(stages={"x": stated}, counts_per_mm={"x": BUILT[built].counts_per_mm})
+    _, _, stage = make({"x": BUILT[built]}, settings)
+    stage.connect()
+
+
+def test_a_brushless_controller_that_does_not_tell_the_stage_is_taken_at_the_rig_files_word():
+    _, twin, stage = make({"x": BUILT["MLS203-X"]}, KinesisOptions(stages={"x": "MLS203-X"}))
+    twin.faults.inject("serial.request_lost", about="0x04f1")
+    stage.connect()
+    assert twin.faults.struck
+    assert stage.positions_mm()["x"] == pytest.approx(55.0, abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from gs2ci_drivers.kinesis.packets import (
     find_message,
     move_absolute,
     parse_info,
+    parse_stage_memory,
     set_overshoot,
     set_speed,
     short,
@@ -37,6 +38,17 @@ def test_a_backlash_distance_is_a_channel_and_counts():
     """MGMSG_MOT_SET_GENMOVEPARAMS, 0x043A: six bytes, "HI" of channel and distance; a request is 3B 04 01 00 50 01."""
     assert set_overshoot(CUBE, 200_000) == bytes.fromhex("3A 04 06 00 D0 01 01 00 40 0D 03 00")
     assert short(Message.MOT_REQ_GENMOVEPARAMS, CUBE) == bytes.fromhex("3B 04 01 00 50 01")
+
+
+def test_a_stages_memory_is_read_in_the_order_of_thorlabs_header():
+    """Channel, then as in MOT_StageAxisParameters: stage, axis, part[16], serial, counts per unit, least, highest."""
+    data = bytes.fromhex("01 00 05 00 01 00") + b"MLS203".ljust(16, b"\0")
+    data += bytes.fromhex("15 CD 5B 07 20 4E 00 00 00 00 00 00 C0 91 21 00") + bytes(36)
+    assert len(data) == 0x4A
+    found = parse_stage_memory(data)
+    assert (found.part, found.counts_per_unit, found.travel) == ("MLS203", 20000, 110.0)
+    assert parse_stage_memory(bytes(74)) is None
+    assert short(Message.MOT_REQ_PMDSTAGEAXISPARAMS, BAY_2) == bytes.fromhex("F1 04 01 00 22 01")
 
 
 @pytest.mark.parametrize(

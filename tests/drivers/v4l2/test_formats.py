@@ -45,6 +45,10 @@ def _bit_place(packing: Packing, x: int, bit: int) -> tuple[int, int]:
         case Packing.MIPI12:
             group, i = divmod(x, 2)
             return (3 * group + i, bit - 4) if bit >= 4 else (3 * group + 2, 4 * i + bit)
+        case Packing.MIPI14:
+            group, i = divmod(x, 4)
+            place, to_bit = divmod(6 * i + bit, 8)
+            return (7 * group + i, bit - 6) if bit >= 6 else (7 * group + 4 + place, to_bit)
 
 
 @st.composite
@@ -109,6 +113,10 @@ def test_golden_bytes_of_the_packed_layouts() -> None:
     assert unpack(bytes([0xFF, 0x00, 0x80, 0x01, 0b11_10_01_00]), ten).tolist() == [[0x3FC, 0x001, 0x202, 0x007]]
     twelve = FrameGeometry(PIXEL_FORMATS["Y12P"], 2, 1, 3, 12)
     assert unpack(bytes([0xAB, 0x12, 0x3C]), twelve).tolist() == [[0xABC, 0x123]]
+    # linux, pixfmt-srggb14p.rst: G01 low bits 1--0 and B00 low bits 5--0, R02 low bits 3--0 and G01 low bits 5--2, ...
+    fourteen = FrameGeometry(PIXEL_FORMATS["pBEE"], 4, 1, 7, 14)
+    data = bytes([0xFF, 0x00, 0x80, 0x01, 0b01_100001, 0b0110_1101, 0b101010_11])
+    assert unpack(data, fourteen).tolist() == [[0x3FE1, 0b110101, 0x2000 | 0b110110, 0x40 | 0b101010]]
 
 
 def test_left_aligned_values_are_shifted_only_when_told_so() -> None:
@@ -154,3 +162,6 @@ def test_bayer_codes_name_their_mosaic_and_bus() -> None:
     assert PIXEL_FORMATS["BA12"].cfa == "GRBG"
     assert PIXEL_FORMATS["RG10"].bus_code == 0x300F
     assert PIXEL_FORMATS["Y12P"].bus_code == 0x2013
+    # raspberrypi/linux, rp1-cfe/cfe-fmts.h: SGRBG14P of SGRBG14_1X14; linux/media-bus-format.h: 0x301b
+    assert (PIXEL_FORMATS["pgEE"].cfa, PIXEL_FORMATS["pgEE"].bus_code) == ("GRBG", 0x301B)
+    assert (PIXEL_FORMATS["GR14"].cfa, PIXEL_FORMATS["GR14"].bus_code) == ("GRBG", 0x301B)

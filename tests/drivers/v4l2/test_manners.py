@@ -169,7 +169,9 @@ def test_each_wrong_alignment_names_the_right_one(bench, stated, truth):
         b.sensor.read(0.5)
 
 
-@pytest.mark.parametrize(("code", "bus_code", "bits"), [("Y16 ", 0x200A, 10), ("RG16", 0x3012, 12)])
+@pytest.mark.parametrize(
+    ("code", "bus_code", "bits"), [("Y16 ", 0x200A, 10), ("RG16", 0x3012, 12), ("Y16 ", 0x202D, 14)]
+)
 @pytest.mark.parametrize("driver", ["rp1-cfe", "other"])
 def test_what_a_raspberry_pi_5_widens_to_sixteen_bits_is_read_as_the_sensor_sends_it(
     bench, code, bus_code, bits, driver

@@ -41,6 +41,14 @@ def test_words_say_what_was_chosen_what_it_takes_and_why_others_were_left_out(de
     assert "| **1 × 8 masks, 25 % open, 1 px, 2 mm** | 31.00 | 30.50 | 1.0 s | 30 s | 1.0 % |" in said
 
 
+@pytest.mark.parametrize(
+    ("checks", "words"), [(0, "tells, and none by a reconstruction."), (1, "tells, 1 reconstruction with the preset")]
+)
+def test_words_count_the_checks(design, checks, words):
+    rows = tuple(replace(row, checks=checks * (row is design.rows[0])) for row in design.rows)
+    assert words in markdown(replace(design, rows=rows))
+
+
 def test_those_that_were_checked_come_first(design):
     assert [row.masks for row in design.ranked] == [8, 16]
 

@@ -44,6 +44,21 @@ def test_what_failed_comes_before_what_is_doubted_and_only_so_many_are_told():
     assert UNCERTAIN.sentence in [step.because for step in steps]
 
 
+def of_exposure(name, note):
+    figures = {**note.figures, "name": name, "sentence": note.sentence, "code": note.code}
+    return finding(Code.OF_EXPOSURE, **figures)
+
+
+@pytest.mark.parametrize("note", [UNCERTAIN, finding(Code.PATH_UNCONFIRMED, more=1.2)], ids=lambda note: note.code)
+def test_a_doubt_of_one_exposure_is_one_of_the_joint_run_and_its_remedy_is_said_once(note):
+    report = a_report(of_exposure("a-0", note), of_exposure("a-1", note))
+    assert report.notes[0].kind is note.code
+    assert report.notes[0].advice == f"In a-0: {note.sentence} {note.code.remedy}"
+    assert outcome(report).word == "With doubts"
+    steps = [step for step in next_steps(report) if step.what == note.code.remedy]
+    assert [step.because for step in steps] == [f"In a-0: {note.sentence}"]
+
+
 def test_a_simulation_beyond_its_tolerance_is_said():
     assert "3 DN rms; " in module.simulation_was_coarse(a_report(simulation__error_dn=3.0)).because
     assert module.simulation_was_coarse(a_report()) is None

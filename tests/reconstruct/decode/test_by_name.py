@@ -17,11 +17,10 @@ BRIEF = GapTvSettings(iterations=10)
 def test_each_name_is_its_decoder(make_shot):
     shot = make_shot(slide=0.4)
     np.testing.assert_array_equal(decode_by_name(shot, "gap-tv", BRIEF), gap_tv(shot, BRIEF))
-    quick = patch_settings("patches-quick", BRIEF)
-    assert (quick.iterations, quick.start) == (PatchSettings.quick().iterations, BRIEF)
-    np.testing.assert_array_equal(decode_by_name(shot, "patches-quick", BRIEF), patch_decode(shot, quick))
-    assert patch_settings("patches", BRIEF).iterations == PatchSettings().iterations
-    assert patch_settings("gap-tv", BRIEF) is None
+    quick = PatchSettings.quick()
+    by_quick = patch_decode(shot, quick, begins=BRIEF)
+    np.testing.assert_array_equal(decode_by_name(shot, "patches-quick", BRIEF), by_quick)
+    assert [patch_settings(name) for name in ("gap-tv", "patches-quick", "patches")] == [None, quick, PatchSettings()]
 
 
 def test_patches_are_better_on_a_sliding_photograph():

@@ -52,6 +52,19 @@ def test_fresh_masks_of_the_same_path_are_told(looks):
     assert [repeats(looks[0], other) for other in looks[1:]] == [1.0, 1.0, 1.0]
 
 
+def test_exposures_under_the_same_masks_hold_out_the_same_pixels(shots):
+    """A repeat under the same masks would tell the reading of every held-out pixel, and a decode that fits it."""
+    seeds = []
+
+    def keeping(number, shot, settings, score):
+        seeds.append(settings.seed)
+        return lambda: None
+
+    again = replace(shots[0], masks=shots[0].masks.copy())
+    list(observe_all([shots[0], shots[1], again], SETTINGS, None, Silent(), [None] * 3, keeping))
+    assert seeds[0] == seeds[2] != seeds[1]
+
+
 @pytest.mark.parametrize(
     "path", [line(0.5 * ONE_PX), line(8.0 * ONE_PX), line(0.0, 0.5 * ONE_PX), line(0.0, length=0.2)]
 )

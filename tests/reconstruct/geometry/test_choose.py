@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError, InputError, NumericsError
 from gs2ci.core.findings import Code, finding
+from gs2ci.core.plugins import PluginError
 from gs2ci.core.progress import Silent, said
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
@@ -226,7 +227,7 @@ def test_without_tracks_and_points_a_file_leaves_a_plane(request_for, camera_fil
     assert np.all(found.inverse_depth == 1)
 
 
-@pytest.mark.parametrize("error", [GeometryError("it turned over"), NumericsError("it said NaN")])
+@pytest.mark.parametrize("error", [GeometryError("turned"), NumericsError("NaN"), PluginError("bad")])
 def test_a_source_that_fails_gives_way_to_the_tracks(request_for, error):
     class Failing:
         name = "oracle"

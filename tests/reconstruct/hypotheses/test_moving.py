@@ -227,15 +227,13 @@ def test_thing_that_moves_is_found_to_move(moved):
     assert result.motion.moves
     assert result.motion.tried
     assert found.scene.motion is not None
-    assert Code.SCENE_MOVES in [note.code for note in result.notes]
-    still = reconstruct(shot, replace(QUICK, motion="off", seed=2)).result
-    gained = np.mean(psnr_per_view(result.views, shot.truth.views)) - np.mean(
-        psnr_per_view(still.views, shot.truth.views)
-    )
-    # Patches polish the still scene's views, too, which then follow the motion.
-    assert gained > -0.5
+    # A fit this short lets half of the wall move by a pixel, too: the camera, whose path is not known, may have moved.
+    assert {Code.SCENE_MOVES, Code.MOTION_OR_CAMERA} & {note.code for note in result.notes}
+    # Not against a still scene: that explains the thing as a near one before a camera that moves, as well or better.
+    views, decode = (np.mean(psnr_per_view(found, shot.truth.views)) for found in (result.views, result.decode))
+    assert views > decode + 10
     assert result.displacement is not None
-    # The thing covers 0.14; fits as short as this one found 0.04, a whole one 0.27.
+    # The thing covers 0.14; fits as short as this one found 0.04 to 0.74, whole ones 0.27 to 0.41.
     assert 0.02 < result.motion.pixels_share < 0.9
 
 

@@ -133,7 +133,7 @@ def tiles_of(placement, size, count=(4, 4)):
     for row in rows:
         for column in columns:
             down, right = placement.moved_px(np.array([(row, column)]) - middle)[0]
-            found.append(Tile((row, column), Peak(float(down), float(right), 9.0, 0.5, 20.0)))
+            found.append(Tile((row, column), Peak(float(down), float(right), 9.0, 20.0)))
     return found
 
 

@@ -43,6 +43,7 @@ def seen() -> ReadingsSeen:
     return ReadingsSeen(
         views=textured(count),
         depth=np.repeat(depth[None], count, axis=0),
+        spread=np.zeros((count, *SIZE), np.float32),
         rays=rays.astype(np.float32),
         world_to_camera=path(count),
         focal_px=np.array([FOCAL_PX, FOCAL_PX]),

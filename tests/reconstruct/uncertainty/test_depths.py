@@ -60,9 +60,13 @@ def test_a_turn_that_the_stage_states_shifts_all_depths_and_those_that_move_litt
     assert added[3, :, 20:].mean() > 1.3 * added[3, :, :12].mean()
 
 
-def test_jumps_of_depth_are_less_sure(seen):
-    found = stated(seen)
-    assert found[3, 12, 16] > 1.5 * found[3, 12, 28]
+def test_light_that_is_stopped_over_a_range_of_depths_leaves_open_which_of_them_it_is(seen):
+    spread = np.zeros_like(seen.spread)
+    spread[..., 16] = 0.2
+    found, sharp = stated(replace(seen, spread=spread)), stated(seen)
+    added = np.sqrt(found**2 - sharp**2) / seen.depth
+    assert np.allclose(added[..., 16], 0.2)
+    assert not np.delete(added, 16, axis=2).any()
 
 
 def test_tracks_on_the_depths_found_show_no_error_of_places_at_any_scale(seen):
@@ -87,15 +91,15 @@ def test_depths_left_at_those_of_their_surroundings_err_by_what_tracks_show(seen
     assert noisy > found
 
 
-def test_what_an_edge_of_depth_puts_beside_is_not_counted_again(seen):
-    """Each point of one column lies at the depth beyond the edge, which has a standard error of its own."""
-    lean = seen.depth * (1 + 0.15 * (np.arange(seen.depth.shape[2]) % 2)).astype(np.float32)
-    step = replace(seen, depth=lean)
-    true = lean * 1.1
-    true[:, ::2] *= 1.05
-    sharp = error_of_places(step, 3, followed(seen, true))
-    flat = error_of_places(seen, 3, followed(seen, true / lean * seen.depth))
-    assert sharp < flat
+def test_what_the_spread_of_light_along_the_ray_puts_beside_is_not_counted_again(seen):
+    true = seen.depth.copy()
+    true[:, ::2] *= 1.1
+    there = followed(seen, true)
+    alone, half, whole = (
+        error_of_places(replace(seen, spread=np.full_like(seen.spread, one)), 3, there) for one in (0, 0.02, 0.1)
+    )
+    assert alone > half > 0
+    assert whole == 0
 
 
 def test_points_that_few_views_see_or_that_have_no_depth_do_not_tell_of_places(seen):
@@ -137,6 +141,7 @@ def test_a_camera_at_rest_tells_no_depth(seen, count):
         seen,
         views=seen.views[:count],
         depth=seen.depth[:count],
+        spread=seen.spread[:count],
         world_to_camera=path(count, (0, 0, 0)),
         transmissions=seen.transmissions[:count],
     )

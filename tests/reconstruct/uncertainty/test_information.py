@@ -99,3 +99,10 @@ def test_where_little_can_be_told_the_result_is_finite(seen, still, how):
     found = information(given, 0)
     assert found.shape == (6 * len(given.depth),) * 2
     assert np.isfinite(found).all()
+
+
+def test_gradients_are_differences_per_pixel_and_none_along_a_side_of_one():
+    rows, columns = np.mgrid[:9, :9].astype(np.float32)
+    inside = module._gradients((3 * rows + 2 * columns)[..., None]).reshape(9, 9, 2)[4, 4]
+    assert np.allclose(inside, (2, 3))
+    assert np.allclose(module._gradients(columns[:1, :, None])[4, 0], (1, 0))

@@ -19,7 +19,6 @@ from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.matching import Lattice
 from gs2ci.reconstruct.decode.planes import interleaved, planar
@@ -41,7 +40,6 @@ class PatchSettings(Bounded):
         last_sigma: Noise level of the last; the levels between decrease geometrically.
         refind_every: After so many uses of a phase of the lattice, similar patches are searched for again.
         lattice: Where patches lie, and how many make a group.
-        start: Settings of the decode with which it starts.
     """
 
     iterations: PositiveInt = 96
@@ -49,7 +47,6 @@ class PatchSettings(Bounded):
     last_sigma: Positive = 6 / 255
     refind_every: PositiveInt = 3
     lattice: Lattice = field(default_factory=Lattice)
-    start: GapTvSettings = field(default_factory=GapTvSettings)
 
     @classmethod
     def quick(cls) -> "PatchSettings":
@@ -122,7 +119,7 @@ def patch_decode_from(
         shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored. Several are
             measurements of the same views.
         start: The first views, in which similar patches are first searched for, [N, H, W, C] float32.
-        settings: How long, and which patches; their own start is not used.
+        settings: How long, and which patches.
         progress: Receives each iteration and its relative residual.
         enough: Called after each step with its views, [N, C, H, W]; if it returns True, that step is the last.
         noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.

@@ -31,7 +31,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.denoisers import clamped
-from gs2ci.reconstruct.decode.gap_tv import decode_signed
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, error_power
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.matching import Lattice
@@ -145,7 +145,11 @@ class InTime:
 
 
 def patch_decode(
-    shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None, seed: int = 42
+    shot: Shot,
+    settings: PatchSettings | None = None,
+    progress: Progress | None = None,
+    seed: int = 42,
+    begins: GapTvSettings | None = None,
 ) -> F32:
     """Decode one coded measurement into approximate views, by groups of similar patches.
 
@@ -154,6 +158,7 @@ def patch_decode(
         settings: How long, and which patches.
         progress: Receives each iteration and its relative residual.
         seed: Seed of the draw of the pixels that tell the noise of the readings; the last steps see them too.
+        begins: Of the decode by GAP-TV with which it begins; None: the defaults.
 
     Returns:
         Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
@@ -161,7 +166,7 @@ def patch_decode(
     Raises:
         InputError: The settings make no sense.
     """
-    return decode_until(shot, math.inf, settings or PatchSettings(), progress, seed=seed).views
+    return decode_until(shot, math.inf, settings or PatchSettings(), progress, seed=seed, begins=begins).views
 
 
 def decode_until(
@@ -171,6 +176,7 @@ def decode_until(
     progress: Progress | None = None,
     clock: Callable[[], float] = time.monotonic,
     seed: int = 42,
+    begins: GapTvSettings | None = None,
 ) -> InTime:
     """Decode one coded measurement by groups of similar patches, and end before a deadline.
 
@@ -181,12 +187,13 @@ def decode_until(
         progress: Receives each step and its relative residual.
         clock: The time in seconds; never decreases.
         seed: Seed of the draw of the pixels that tell the noise of the readings; the last steps see them too.
+        begins: As for `patch_decode`.
 
     Raises:
         InputError: The settings make no sense.
     """
     settings, progress = (settings or _sparse()).check(), progress or Silent()
-    start = decode_signed(shot, settings.start)
+    start = decode_signed(shot, begins)
     patches = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
     noise = HeldoutNoise(shot, settings, seed)
     steps = _Steps(patches, settings, until_s, progress, clock, noise)

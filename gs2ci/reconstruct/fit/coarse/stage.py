@@ -147,8 +147,8 @@ class CoarseRun:
             return
         self._progress = progress or self._progress
         total = self._pace.total(self.iterations)
-        if self.iterations == 0 or self._keeper is not None:
-            self._progress.stage("fit", total)
+        # Also if it goes on: another stage may have reported since.
+        self._progress.stage("fit", total)
         while self._stopped is None and self.iterations < min(total, math.ceil(share * total)):
             before, total = total, self._iterate(total)
             if total != before:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.plugins import allowed, load
+from gs2ci.core.plugins import allowed, brought
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.paper.priors2d.base import ImagePrior
 from gs2ci.reconstruct.paper.priors2d.onnx_prior import OnnxPrior
@@ -34,7 +34,7 @@ def load_prior(name: str, seed: int) -> ImagePrior | None:
         return OnnxPrior(find_model("difix"), seed)
     if name.startswith(_FILE):
         return OnnxPrior(Path(name.removeprefix(_FILE)), seed)
-    prior = load(PRIOR_GROUP, name)
+    prior = brought(PRIOR_GROUP, name, seed)
     if prior is None:
         raise InputError(f"prior {name!r}", allowed=f"{allowed(PRIOR_GROUP, PRIOR_NAMES)}, onnx:FILE or difix-or-none")
-    return prior(seed)
+    return prior

@@ -125,6 +125,6 @@ def test_a_noise_level_that_rises_is_refused():
         PatchSettings(first_sigma=0.01, last_sigma=0.02).check()
 
 
-def test_a_senseless_start_is_refused():
+def test_a_senseless_beginning_is_refused(make_shot):
     with pytest.raises(InputError, match="iterations = 0 in GapTvSettings"):
-        PatchSettings(start=GapTvSettings(iterations=0)).check()
+        patch_decode(make_shot(), BRIEF, begins=GapTvSettings(iterations=0))

@@ -33,7 +33,7 @@ def wandering_blots(seed: int) -> Shot:
 def test_pixels_that_most_calls_leave_without_a_patch_stay_near_the_range_of_views(seed: int) -> None:
     # Such a pixel grew threefold and changed its sign at each call that gave it a patch: to 2e7 and 6e5 here.
     shot, settings = wandering_blots(seed), PatchSettings()
-    start = decode_signed(shot, settings.start)
+    start = decode_signed(shot)
     denoiser = SimilarPatches(
         np.ascontiguousarray(start.transpose(0, 3, 1, 2)), settings.lattice, settings.refind_every
     )

@@ -36,13 +36,13 @@ def mean_db(shot: Shot, views: np.ndarray) -> float:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_noisy_shot_is_decoded_better_than_by_explaining_its_noise(seed: int) -> None:
     shot, settings = sliding(0.04, seed=seed), PatchSettings(iterations=48)
-    blindly = patch_decode_from(shot, decode_signed(shot, settings.start), settings)
+    blindly = patch_decode_from(shot, decode_signed(shot), settings)
     assert mean_db(shot, patch_decode(shot, settings)) > mean_db(shot, blindly) + 1
 
 
 def test_a_decode_within_a_time_weighs_the_noise_too() -> None:
     shot, settings = sliding(0.04), PatchSettings(iterations=48)
-    blindly = patch_decode_from(shot, decode_signed(shot, settings.start), settings)
+    blindly = patch_decode_from(shot, decode_signed(shot), settings)
     hurried = decode_until(shot, time.monotonic() + 60, settings).views
     assert mean_db(shot, hurried) > mean_db(shot, blindly) + 1
 

@@ -13,7 +13,8 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.within_time import decode_until
 
-BRIEF = PatchSettings(iterations=40, first_sigma=0.1, last_sigma=0.02, start=GapTvSettings(iterations=5))
+BRIEF = PatchSettings(iterations=40, first_sigma=0.1, last_sigma=0.02)
+BEGINS = GapTvSettings(iterations=5)
 
 
 class Clock:
@@ -42,9 +43,9 @@ def unwatched(monkeypatch):
 
 @pytest.fixture
 def decoded(make_shot, monkeypatch):
-    def decode(seconds, costs, settings=BRIEF):
+    def decode(seconds, costs, settings=BRIEF, begins=BEGINS):
         clock = Clock(monkeypatch, costs)
-        return decode_until(make_shot(slide=0.4), 100.0 + seconds, settings, clock=clock), clock
+        return decode_until(make_shot(slide=0.4), 100.0 + seconds, settings, clock=clock, begins=begins), clock
 
     return decode
 
@@ -93,11 +94,11 @@ def test_one_step_is_made_where_there_is_any_time_and_none_where_there_is_none(d
     assert (found.steps, clock.sigmas) == (1, [BRIEF.first_sigma])
     found, _ = decoded(0, even)
     assert found.steps == 0
-    np.testing.assert_array_equal(found.views, gap_tv(make_shot(slide=0.4), BRIEF.start))
+    np.testing.assert_array_equal(found.views, gap_tv(make_shot(slide=0.4), BEGINS))
 
 
 def test_the_steps_of_a_short_time_come_closer_to_the_truth_than_gap_tv(decoded, make_shot):
-    found, _ = decoded(20, even, None)
+    found, _ = decoded(20, even, None, None)
     truth = make_shot(slide=0.4).truth.views
     assert found.settings.lattice.step_px == found.settings.lattice.patch_px
     by_patches, by_tv = (

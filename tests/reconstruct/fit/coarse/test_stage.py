@@ -80,6 +80,25 @@ def test_a_fit_that_was_paused_goes_on_as_if_it_had_not_been(moving_plane):
     assert np.array_equal(fit.result().views, whole.views)
 
 
+def test_a_fit_that_goes_on_reports_its_steps_under_its_own_name(moving_plane):
+    class Stages(Silent):
+        name, steps = "", ()
+
+        def stage(self, name, total=None):
+            self.name = (name, total)
+
+        def step(self, done, **figures):
+            self.steps = (*self.steps, (*self.name, done))
+
+    listener = Stages()
+    fit, _ = paused(moving_plane, listener=listener)
+    fit.advance(0.5)
+    listener.stage("geometry", 3)
+    fit.advance()
+    assert {step[:2] for step in listener.steps} == {("fit", 60)}
+    assert listener.steps[-1] == ("fit", 60, 60)
+
+
 def test_a_fit_that_is_not_continued_is_given_up_with_its_best_state(moving_plane):
     fit, _ = paused(moving_plane)
     fit.advance(0.4)
