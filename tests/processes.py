@@ -1,6 +1,6 @@
 """Tables whose rows are whole reconstructions, each in a process of its own: one task a core, or one after the other.
 
-Rows come back in their order, or as they end. Side by side for figures of accuracy; seconds that are taken so say little.
+Rows come back in their order, or as they end. Side by side for figures of accuracy; seconds taken so say little.
 """
 
 import json
