@@ -339,27 +339,27 @@ def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, tog
     found: list[tuple[Shot | str | Path, str]] = []
     for one in given:
         if isinstance(one, str | Path) and Path(one).suffix.lower() in _SHOT_FILES:
-            found += exposures_in(Path(one), range(count_shots(Path(one))))
+            count = count_shots(Path(one))
+            found += exposures_in(Path(one), range(count), count)
         else:
             found.append((one, ""))
     if not found:
         raise InputError("no exposure to reconstruct", allowed="one or more")
-    return told_apart(found)
+    return named_apart(found)
 
 
-def exposures_in(file: Path, numbers: Iterable[int]) -> list[tuple[Shot, str]]:
-    """Read exposures of a file, each with a name after the file, as `told_apart` takes them.
+def exposures_in(file: Path, numbers: Iterable[int], count: int) -> list[tuple[Shot, str]]:
+    """Read exposures of a file that holds so many, each with a name after the file, as `named_apart` takes them.
 
     Raises:
         StorageError: The file cannot be read.
     """
-    from gs2ci.core.storage import count_shots, read_shot
+    from gs2ci.core.storage import read_shot
 
-    single = count_shots(file) == 1
-    return [(read_shot(file, number), file.stem if single else f"{file.stem}-{number}") for number in numbers]
+    return [(read_shot(file, number), file.stem if count == 1 else f"{file.stem}-{number}") for number in numbers]
 
 
-def told_apart(found: Sequence[tuple[_Exposure, str]]) -> list[_Exposure]:
+def named_apart(found: Sequence[tuple[_Exposure, str]]) -> list[_Exposure]:
     """Return exposures under the names of their files where they have one name, as all captures of a bench do."""
     many = Counter(one.name for one, _ in found if isinstance(one, Shot))
     return [

@@ -14,7 +14,7 @@ from gs2ci.api import reconstruction
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.display import open_display
 from gs2ci.api.options import check_whole
-from gs2ci.api.shots import exposures_in, told_apart
+from gs2ci.api.shots import exposures_in, named_apart
 from gs2ci.api.summary import print_summary
 from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
@@ -191,8 +191,8 @@ def chosen_exposures(files: Sequence[Path], index: int | str | None) -> "list[Sh
         numbers = range(count)[_range(index)] if index is not None else range(count)
         if not numbers:
             raise InputError(f"{file} has no exposures {index}", allowed=f"0 to {count - 1}", remedy="see --index")
-        found += exposures_in(file, numbers)
-    return told_apart(found)
+        found += exposures_in(file, numbers, count)
+    return named_apart(found)
 
 
 def _range(index: int | str) -> slice:

@@ -92,8 +92,8 @@ def load(group: str, name: str) -> Any | None:
     return found[0].load()
 
 
-def called(name: str, brought: Callable[..., _Answer], *given: Any) -> _Answer:
-    """Call what a plug-in brought.
+def called(name: str, work: Callable[..., _Answer], *given: Any) -> _Answer:
+    """Call a plug-in, or what one returned.
 
     Raises:
         PluginError: It failed in a way of its own.
@@ -101,7 +101,7 @@ def called(name: str, brought: Callable[..., _Answer], *given: Any) -> _Answer:
         MemoryError: There is not enough of it.
     """
     try:
-        return brought(*given)
+        return work(*given)
     except (Gs2ciError, MemoryError):
         raise
     except Exception as error:  # foreign code may raise anything

@@ -84,7 +84,7 @@ class CaptureTarget:
             mean_square = float(np.mean(np.square(errors.views, dtype=np.float64)))
             # What held-out pixels say against the views counts as well, if it is more.
             told = (note.figures["share"] for note in result.notes if note.kind is Code.VIEWS_ERR)
-            mean_square = max(mean_square, *(share * share for share in told if isinstance(share, float)), 0.0)
+            mean_square = max([mean_square, *(share * share for share in told if isinstance(share, float))])
             return -10 * float(np.log10(max(mean_square, _LEAST_SQUARE)))
         if result.depth is None or errors.depth is None:
             return None

@@ -12,7 +12,8 @@ EXPOSURES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
 arv_camera_set_exposure_time: ARV_CAMERA_SERIES_RICOH). Where others have the last, they have another, too."""
 GAINS = ("Gain", "GainAbs")
 """SFNC 2 and SFNC 1; by the node's unit in decibels or a factor (Chromasens)."""
-SECONDS = {"us": 1e-6, "µs": 1e-6, "μs": 1e-6, "": 1e-6, "ns": 1e-9, "ms": 1e-3, "s": 1.0}
+US = 1e-6
+SECONDS = {"us": US, "µs": US, "μs": US, "": US, "ns": 1e-9, "ms": 1e-3, "s": 1.0}
 """Seconds per unit of a time, by the node's unit; SFNC's is the microsecond, also where a camera names none."""
 FACTORS = ("x", "X", "times", "factor")
 

@@ -13,13 +13,12 @@ from typing import Final
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
 from gs2ci_drivers.genicam.leftovers import SHUTTERS, Leftovers
-from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
+from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, US, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.genicam.trigger import Trigger
 from gs2ci_drivers.ports import CameraIdentity, Feature, FeatureValue
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 
-US: Final = 1e-6
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
 """The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")

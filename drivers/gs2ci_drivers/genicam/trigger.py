@@ -9,12 +9,11 @@ from typing import Final
 
 from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.genicam.leftovers import DEBOUNCERS
-from gs2ci_drivers.genicam.nodes import Features, seconds_per_unit
+from gs2ci_drivers.genicam.nodes import US, Features, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.ports import FeatureValue
 from gs2ci_drivers.sensor import TriggerMode
 
-US: Final = 1e-6
 START_DELAYS: Final = ("BslExposureStartDelay",)
 """Time from a trigger to its exposure with the present settings, in microseconds; line, debouncer and TriggerDelay come
 on top (docs.baslerweb.com/exposure-start-delay and /acquisition-timing-information)."""
@@ -133,10 +132,10 @@ class Trigger:
             wanted = max(neutral, found.low) if isinstance(neutral, float) else neutral
             if (left := features.read(name)) != wanted:
                 features.write(name, wanted)
-                how = "trigger_activation in [sensor] chooses the edge" if name in AS_WIRED else ""
+                edge, other = "trigger_activation in [sensor] chooses the edge", "[sensor.features] can set it"
                 self._notes.append(
                     f"{self._device}: {name} of {self._options.trigger_line} was {left} and has been reset to "
-                    f"{wanted}; {how or '[sensor.features] can set it'}"
+                    f"{wanted}; {edge if name in AS_WIRED else other}"
                 )
 
     def _debounced_s(self) -> float:

@@ -181,8 +181,8 @@ def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> Findings:
         for note in part.notes:
             key = (note.code, note.sentence)
             if shared[key] < len(parts):
-                own = {key: value for key, value in note.figures.items() if key not in Code.OF_EXPOSURE.figures}
-                found.append(finding(Code.OF_EXPOSURE, name=name, sentence=note.sentence, **{**own, "code": note.code}))
+                own = {key: value for key, value in note.figures.items() if key not in ("name", "sentence", "code")}
+                found.append(finding(Code.OF_EXPOSURE, name=name, sentence=note.sentence, code=note.code, **own))
             elif key not in told:
                 found.append(note)
                 told.add(key)

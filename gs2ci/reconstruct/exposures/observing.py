@@ -233,7 +233,7 @@ def observe_all(
 
     intrinsics = shots[0].intrinsics
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
-        drawn = [np.array_equal(other.masks, shot.masks) for other in shots].index(True)
+        drawn = next(k for k, other in enumerate(shots) if np.array_equal(other.masks, shot.masks))
         own = replace(settings, seed=member_seed(settings.seed, drawn, 0xE1))
         given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
         observed = (keeping or in_memory)(number, given, own, score)

@@ -84,6 +84,7 @@
     texture(gl, 0, 2304, rows, gl.R16F, gl.RED, gl.HALF_FLOAT, shapeTexels);
     texture(gl, 1, 256, rows, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, shadeTexels);
     const buffer = (data, usage) => { const b = gl.createBuffer(); gl.bindBuffer(gl.ARRAY_BUFFER, b); gl.bufferData(gl.ARRAY_BUFFER, data, usage); return b; };
+    const attach = (place, of, size) => { gl.bindBuffer(gl.ARRAY_BUFFER, of); gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0); };
     const corners = buffer(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]), gl.STATIC_DRAW), wire = buffer(lines, gl.STATIC_DRAW);
     const order = new Uint32Array(count), halfway = new Uint32Array(count), numbers = buffer(order, gl.DYNAMIC_DRAW);
     const depths = new Float32Array(count), bits = new Uint32Array(depths.buffer), begins = new Uint32Array(65537);
@@ -101,15 +102,14 @@
       for (let k = 0; k < count; k++) {
         depths[k] = turn[2] * places[3 * k] + turn[5] * places[3 * k + 1] + turn[8] * places[3 * k + 2];
         if (bits[k] < 0x80000000) bits[k] = ~bits[k] & 0x7fffffff;
-        halfway[k] = k;
+        order[k] = k;
       }
-      for (const [from, to, low] of [[halfway, order, 0], [order, halfway, 16]]) {
+      for (const [from, to, low] of [[order, halfway, 0], [halfway, order, 16]]) {
         begins.fill(0);
         for (let k = 0; k < count; k++) begins[((bits[k] >>> low) & 65535) + 1]++;
         for (let k = 1; k < 65536; k++) begins[k] += begins[k - 1];
         for (let k = 0; k < count; k++) to[begins[(bits[from[k]] >>> low) & 65535]++] = from[k];
       }
-      order.set(halfway);
     }
 
     function draw() {
@@ -143,7 +143,7 @@
         sort(turn);
         gl.useProgram(ellipses.made); gl.uniform1i(ellipses.of("shapes"), 0); gl.uniform1i(ellipses.of("colours"), 1);
         const corner = ellipses.at("corner"), number = ellipses.at("number");
-        gl.bindBuffer(gl.ARRAY_BUFFER, corners); gl.enableVertexAttribArray(corner); gl.vertexAttribPointer(corner, 2, gl.FLOAT, false, 0, 0); gl.vertexAttribDivisor(corner, 0);
+        attach(corner, corners, 2); gl.vertexAttribDivisor(corner, 0);
         gl.bindBuffer(gl.ARRAY_BUFFER, numbers); gl.bufferSubData(gl.ARRAY_BUFFER, 0, order);
         gl.enableVertexAttribArray(number); gl.vertexAttribIPointer(number, 1, gl.UNSIGNED_INT, 0, 0); gl.vertexAttribDivisor(number, 1);
         gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
@@ -153,7 +153,7 @@
         gl.bindFramebuffer(gl.FRAMEBUFFER, null); gl.disable(gl.BLEND);
         gl.useProgram(cut.made); gl.uniform1i(cut.of("blended"), 2);
         const corner = cut.at("corner");
-        gl.bindBuffer(gl.ARRAY_BUFFER, corners); gl.enableVertexAttribArray(corner); gl.vertexAttribPointer(corner, 2, gl.FLOAT, false, 0, 0);
+        attach(corner, corners, 2);
         gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
         gl.disableVertexAttribArray(corner); gl.enable(gl.BLEND);
       }
@@ -161,7 +161,7 @@
       const ink = getComputedStyle(canvas).color.match(/[\d.]+/g).map(Number);
       gl.uniform4f(wires.of("ink"), ink[0] / 255, ink[1] / 255, ink[2] / 255, 0.9);
       const place = wires.at("place");
-      gl.bindBuffer(gl.ARRAY_BUFFER, wire); gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+      attach(place, wire, 3);
       gl.drawArrays(gl.LINES, 0, lines.length / 3);
       gl.disableVertexAttribArray(place);
       box.dataset.drawn = Number(box.dataset.drawn || 0) + 1;
