@@ -91,10 +91,10 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
             yield from (_gate if _gated(rig, devices) else _pulses)(rig, devices, found)
     finally:
         devices.close()
-    yield from _manners(rig, connected)
     if trigger_loop and answering:
         # The settings found hold for the rest of the examination, whatever the rig file says.
         yield from _with_settings(rig, found)
+    yield from _manners(rig, connected)
 
 
 def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]:
