@@ -203,9 +203,7 @@ class CaptureDevice:
         code = raw.decode("latin-1")
         if code not in self._model.formats:
             code = self._model.formats[0]
-        if (
-            self._model.on_subdevice
-        ):  # rp1-cfe: any size from 16 x 16 on (cfe_enum_framesizes)
+        if self._model.on_subdevice:  # rp1-cfe: any size from 16 x 16 on (cfe_enum_framesizes)
             return code, (max(height, 16), max(width - width % 2, 16))
         return code, self._nearest(height, width)
 
