@@ -167,8 +167,8 @@ def own_masks(measurement: Array, masks: Array) -> list[tuple[Array, Array]] | N
 
 def _likeness(measurements: NDArray[Any], masks: NDArray[Any]) -> float:
     """Correlate the fine pattern of the first measurement, [K, H, W, C], with that of its masks' sum, [K, N, H, W]."""
-    images = (measurements[0].mean(axis=2, dtype=np.float64), masks[0].sum(axis=0, dtype=np.float64))
-    return float(np.corrcoef(*(fine_of(image).ravel() for image in images))[0, 1])
+    seen, opened = measurements[0].mean(axis=2, dtype=np.float64), masks[0].sum(axis=0, dtype=np.float64)
+    return float(np.corrcoef(fine_of(seen).ravel(), fine_of(opened).ravel())[0, 1])
 
 
 def arrange_truth(truth: Array, measurements: int, views: int, size: tuple[int, int]) -> NDArray[Any]:

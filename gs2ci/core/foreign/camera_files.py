@@ -101,7 +101,7 @@ def read_calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
         found = _colmap(path, size)
     elif not path.is_file():
         raise InputError(f"no camera file {path}", allowed=_ALLOWED)
-    elif path.suffix.lower() in _CALIBRATIONS:
+    elif path.suffix.lower() in _CALIBRATIONS or b'"frames"' not in path.read_bytes():
         found = _calibration(path, size)
     else:
         found = _transforms(path, size)
@@ -163,22 +163,19 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
             collect(name if key == "data" else key, part)
         items = flat(node) if not named else []
         if items and all(item.isReal() or item.isInt() for item in items):
-            numbers[name.lower()] = np.array([item.real() for item in items])
+            numbers[name] = np.array([item.real() for item in items])
 
     def flat(node: Any) -> list[Any]:
         return [one for k in range(node.size()) for one in flat(node.at(k))] if node.isSeq() else [node]
 
-    with damage_as_input_error(f"{path}, as OpenCV's YAML, XML or JSON"):
-        collect("", cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ).root())
+    with damage_as_input_error(f"{path} is not a transforms.json, nor a calibration as OpenCV writes it"):
+        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # its nodes die with it
+        collect("", file.root())
     # Kalibr and EuRoC write fx fy cx cy.
-    rows = {
-        name: np.array([n[0], 0, n[2], 0, n[1], n[3], 0, 0, 1])
-        for name, n in numbers.items()
-        if name == "intrinsics" and len(n) == 4
-    }
-    matrices = rows | {
-        name: n for name, n in numbers.items() if len(n) == 9 and (n[6:] == (0, 0, 1)).all() and not _is_rotation(n)
-    }
+    if len(four := numbers.get("intrinsics", np.empty(0))) == 4:
+        numbers["intrinsics"] = np.array([four[0], 0, four[2], 0, four[1], four[3], 0, 0, 1])
+    matrices = {name: n for name, n in numbers.items() if len(n) == 9 and (n[6:] == (0, 0, 1)).all()}
+    matrices = {name: n for name, n in matrices.items() if not _is_rotation(n)}
     if len(matrices) != 1:
         raise InputError(
             f"{path} holds {len(matrices)} camera matrices{': ' * bool(matrices)}{', '.join(matrices)}",
@@ -188,7 +185,9 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     for model in models:
         _require_model(path, model, ("plumb_bob", "rational_polynomial", "radtan", "radial-tangential"))
     ((_, matrix),) = matrices.items()
-    lenses = [n for name, n in numbers.items() if ("dist" in name or name == "d") and len(n) >= FEWEST_COEFFICIENTS]
+    lenses = [
+        n for name, n in numbers.items() if ("dist" in name.lower() or name in "dD") and len(n) >= FEWEST_COEFFICIENTS
+    ]
     lens = lenses[0] if lenses else np.zeros(len(COEFFICIENTS))
     sides = [numbers.get(f"image_{side}", numbers.get(side)) for side in ("height", "width")]
     if "resolution" in numbers:
