@@ -166,6 +166,20 @@ def test_a_limit_of_exposures_that_another_program_left_is_none_of_the_cameras(m
     assert len([line for line in one.sensor.incidents if "has been reset" in line]) == 1
 
 
+@pytest.mark.parametrize("left_us", [20.0, 62.0, 1e6])
+@pytest.mark.parametrize("wanted_s", [2e-3, 0.1, 0.5])
+def test_exposures_that_are_multiples_of_a_base_are_set_by_the_finest_one(left_us, wanted_s):
+    """With the base of 20 us that a scout has at first, 82 ms were the longest; with another left, 1 s the shortest."""
+    one = Bench(exposure="ExposureTimeAbs", base_us=left_us)
+    assert one.sensor.info.max_exposure_s == pytest.approx(10.0)
+    one.start(exposure_s=wanted_s)
+    one.pulse()
+    one.sensor.read(2.0)
+    taken = one.world.exposures[-1]
+    assert taken.end_s - taken.start_s == pytest.approx(wanted_s, rel=2e-4)
+    assert one.sensor.settings.exposure_s == pytest.approx(taken.end_s - taken.start_s, abs=1e-9)
+
+
 @pytest.mark.parametrize(("stated_s", "found_s"), [(None, 14e-6), (5e-6, 5e-6), (0.0, 0.0)])
 def test_an_exposure_is_as_long_as_a_basler_tells(stated_s, found_s):
     table = {} if stated_s is None else {"exposure_offset_s": stated_s}
