@@ -140,11 +140,11 @@ DECISIONS = [path for path in sorted((ROOT / "docs" / "decisions").glob("*.md"))
 
 def test_every_decision_gives_decision_evidence_and_history_and_stands_in_the_index():
     index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
-    expected = ["Decision", "Evidence", "History"]
+    expected = (["Decision", "Evidence", "History"], ["Decision", "Evidence", "Not taken", "History"])
     wrong = {
         page.name: headings
         for page in DECISIONS
-        if (headings := re.findall(r"^## (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)) != expected
+        if (headings := re.findall(r"^## (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)) not in expected
         or f"({page.name})" not in index
     }
     assert not wrong

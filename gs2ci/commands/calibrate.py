@@ -5,7 +5,7 @@ Here: the arguments and what is shown. Not here: any measurement (`gs2ci_calibra
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
 
 import tyro
 
@@ -13,14 +13,14 @@ from gs2ci.api.bundles import update_bundle
 from gs2ci.api.display import open_display
 from gs2ci.commands.answers import AsJson, answered
 from gs2ci.commands.lines import print_table, say
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import Gs2ciError, InputError
 
 if TYPE_CHECKING:
     from gs2ci.rig.updating import Update
     from gs2ci_calibration.drift import Change
     from gs2ci_calibration.estimates import Section
 
-Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check", "update"]
+Step = Literal["dark-flat", "sensor", "registration", "masks", "camera", "stage", "timing", "all", "check", "update"]
 
 # Of an update: a bundle and a shot.
 _LEAST_FILES: Final = 2
@@ -84,7 +84,18 @@ def run(
                 for note in section.notes:
                     say(note)
 
-            opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
+            try:
+                opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
+            except (Gs2ciError, KeyboardInterrupt):
+                if sections:
+                    done = [section.name for section in sections]
+                    left = [name for name in get_args(Step)[:7] if name not in done]
+                    say(
+                        "in ",
+                        out,
+                        f": {', '.join(done)}; go on with `gs2ci calibrate {left[0]}` ({', '.join(left)} are left)",
+                    )
+                raise
         say("bundle in ", out)
         answer({"bundle": out, "sections": [section.record() for section in sections]})
     return out

@@ -33,10 +33,12 @@ def run(*, rig: Path, trigger_loop: bool = True, json: AsJson = False) -> None:
             say(f"{finding.what}: {finding.detail}")
             for line in finding.remedy.splitlines():
                 say(f"       {line}")
+        bad = [finding.what for finding in found if finding.verdict == "bad"]
+        if not bad:
+            say("nothing was found that would keep this bench from working")
         answer(found)
-    bad = sum(finding.verdict == "bad" for finding in found)
     if bad:
         raise Gs2ciError(
-            f"{bad} finding{'s' if bad > 1 else ''} would keep this bench from working",
+            f"{len(bad)} finding{'s' if len(bad) > 1 else ''} would keep this bench from working: {', '.join(bad)}",
             remedy="see the lines marked BAD above",
         )

@@ -133,8 +133,9 @@ class TrueSensorTable(ConfigTable):
 class WorldTable(ConfigTable):
     """[world]: the surroundings of simulated devices; required if any port is "simulated"."""
 
-    scene: Literal["motorcycle", "planes"] = "motorcycle"
-    """What the camera sees."""
+    scene: str = "motorcycle"
+    """What the camera sees: a scene of the simulator's library or of a plug-in, or a scene file (.toml), relative to
+    the rig file's folder. It stands still."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the scene "planes", and of the noise."""
     scene_units_per_mm: Positive = 0.01
@@ -302,4 +303,7 @@ def rig_from_tables(tables: Mapping[str, Any], path: Path) -> RigTable:
         )
     if rig.simulated and rig.world is None:
         raise InputError(f"{path}: simulated devices without a [world]", remedy="add a [world] table")
+    if rig.world is not None and rig.world.scene.endswith(".toml"):
+        world = rig.world.model_copy(update={"scene": str(path.parent / rig.world.scene)})
+        rig = rig.model_copy(update={"world": world})
     return rig

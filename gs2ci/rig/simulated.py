@@ -133,12 +133,25 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
 
 
 def scene_of(table: WorldTable) -> "Scene":
-    """Return the scene of a [world]."""
+    """Return the scene of a [world].
+
+    Raises:
+        InputError: There is no such scene, or something in it moves.
+    """
+    from gs2ci_sims.scenes.files import load_scene  # noqa: PLC0415
     from gs2ci_sims.scenes.planes import planes  # noqa: PLC0415
-    from gs2ci_sims.scenes.rgbd import motorcycle  # noqa: PLC0415
 
     size = (table.height, table.width)
-    return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
+    if table.scene == "planes":
+        return planes(np.random.default_rng(table.seed), size)
+    loaded = load_scene(table.scene, size=size)
+    if loaded.file.object_motion is not None:
+        raise InputError(
+            f"something in the scene {table.scene!r} moves",
+            allowed="a scene that stands still before a bench",
+            remedy="state what moves as [world.effects.object_motion], before another scene",
+        )
+    return loaded.scene
 
 
 def bench_light(rig: RigTable, table: WorldTable, scene: "Scene", registration: MaskAlignment) -> "BenchLight":

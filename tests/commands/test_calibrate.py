@@ -2,6 +2,7 @@
 
 import pytest
 
+from gs2ci.core.errors import InputError
 from gs2ci_calibration.bundle import Bundle, Provenance, read_bundle, write_bundle
 from gs2ci_calibration.procedures import PROCEDURES
 
@@ -118,3 +119,14 @@ def test_a_bundle_of_other_devices_is_refused_before_any_frame_is_taken(rig, cap
     monkeypatch.setitem(PROCEDURES, "dark-flat", None)
     assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 2
     assert "belongs to another 7, the bench has" in capsys.readouterr().err
+
+
+def test_what_is_done_when_a_later_step_fails_is_said_with_how_to_go_on(rig, capsys, gs2ci, monkeypatch):
+    def fails(bench, bundle):
+        raise InputError("no board")
+
+    monkeypatch.setitem(PROCEDURES, "sensor", fails)
+    assert gs2ci("calibrate", "all", "--rig", rig, "-o", "b.cal.h5") == 2
+    said = capsys.readouterr().out
+    assert "in b.cal.h5: dark-flat; go on with `gs2ci calibrate sensor` (sensor, registration, masks, " in said
+    assert list(read_bundle(rig.with_name("b.cal.h5")).sections) == ["dark-flat"]

@@ -13,7 +13,7 @@ from gs2ci.rig import discovery
 from gs2ci.rig.calibrating import operator_of
 from gs2ci.rig.config import RigTable, WorldTable
 from gs2ci.rig.opening import Rig, load_rig
-from gs2ci.rig.simulated import build_bench
+from gs2ci.rig.simulated import build_bench, scene_of
 from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
 from gs2ci_drivers.plugin import BUILT_IN, PluginError, driver_plugin, known_driver
 from gs2ci_sims.stated import Stated
@@ -241,3 +241,20 @@ def test_a_bench_whose_light_a_test_put_in_has_neither_operator_nor_truth(tmp_pa
         operator_of(rig, str)
     with pytest.raises(InputError, match="has no truth"):
         truth_of(rig.bench, 12)
+
+
+def test_a_bench_sees_any_scene_of_the_library_or_of_a_file_that_stands_still(tmp_path):
+    pytest.importorskip("torch")
+    (tmp_path / "own.toml").write_text(
+        'name = "own"\n[geometry]\nkind = "boxes"\nseed = 5\ncount = 2\n[path]\nviews = 4\nparallax_px = 3\n'
+    )
+    rig = '[modulator]\nkind = "dlpc900"\n[sensor]\nkind = "v4l2"\n[world]\nscene = "%s"\nheight = 8\nwidth = 16\n'
+    path = tmp_path / "rig.toml"
+    for which, name in (("corridor", "corridor"), ("own.toml", "own")):
+        path.write_text(rig % which)
+        scene = scene_of(load_rig(path).table.world)
+        assert (scene.name, scene.size) == (name, (8, 16))
+    for which, why in (("coridor", "did you mean 'corridor'"), ("moving", "moves"), ("none.toml", "none.toml")):
+        path.write_text(rig % which)
+        with pytest.raises(InputError, match=why):
+            load_rig(path)
