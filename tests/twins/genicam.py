@@ -75,6 +75,8 @@ class GenicamModel(genicam.GenicamModel):
         rate_limits: AcquisitionFrameRate that another program has left on, and that limits ExposureTime (Teledyne DALSA
             FA-80, Camera Operation: "When adjusting the exposure time the range is limited by the frame rate"; KAYA
             JetCam19, 10.3); 0: none.
+        base_us: ExposureTimeBaseAbs, as another program has left it: exposures are 1 to 4095 times as long (Basler
+            scout GigE manual, 9.7); 0: it has none.
         delay_switch: Whether TriggerDelay has an effect only while TriggerDelayEnabled is on (Point Grey Chameleon3).
         exposure: Name of its exposure: Ricoh's is ExposureTimeRaw (arvcamera.c, arv_camera_set_exposure_time).
         latched: Where TimestampLatch puts the time: in TimestampLatchValue, or in Timestamp (Chameleon3, mvBlueFOX3).
@@ -109,6 +111,7 @@ class GenicamModel(genicam.GenicamModel):
     tells_latency: bool = False
     tells_offset: bool = False
     rate_limits: float = 0.0
+    base_us: float = 0.0
     delay_switch: bool = False
     exposure: str = "ExposureTime"
     latched: Literal["TimestampLatchValue", "Timestamp"] = "TimestampLatchValue"
@@ -232,6 +235,13 @@ class GenicamTwin(genicam.GenicamTwin):
         return name in (self.model.exposure, "Gain", "Width") and bool(self._left("SequenceEnable", absent=False))
 
     def write(self, name: str, value: FeatureValue) -> None:
+        if self.model.base_us and name in ("ExposureTimeBaseAbs", self.model.exposure):
+            exposure_us, base_us = self.nodes.number(self.model.exposure), self.nodes.number("ExposureTimeBaseAbs")
+            bases = (float(value) if name == self.model.exposure else exposure_us) / base_us
+            super().write(name, value)
+            times = min(max(round(bases), 1), 4095) * self.nodes.number("ExposureTimeBaseAbs")
+            self.nodes.write(self.model.exposure, min(max(times, 20.0), 10e6))
+            return
         automatic = name == "GainAuto" and self.nodes.read(name) != "Off"
         super().write(name, value)
         if automatic and value == "Off":
@@ -378,6 +388,8 @@ class GenicamTwin(genicam.GenicamTwin):
             nodes["BslEffectiveExposureTime"] = Node(
                 "float", fixed=True, read=lambda: (self._exposure_s() + model.exposure_offset_s) / US, unit="us"
             )
+        if model.base_us:
+            nodes["ExposureTimeBaseAbs"] = Node("float", model.base_us, lambda: 1.0, lambda: 10e6, 1.0, unit="us")
         if model.rate_limits:
             nodes["AcquisitionFrameRateEnable"] = Node("boolean", True)
             nodes["AcquisitionFrameRate"].value = model.rate_limits
@@ -402,7 +414,10 @@ class GenicamTwin(genicam.GenicamTwin):
         """Return the longest exposure that other features leave, in microseconds."""
         limited = self.model.rate_limits and self.nodes.read("AcquisitionFrameRateEnable")
         rate_us = 1e6 / self.nodes.number("AcquisitionFrameRate") if limited else np.inf
-        return min(rate_us, 14.0 if self._left("ExposureTimeMode", absent="Standard") == "UltraShort" else np.inf)
+        base_us = 4095 * self.nodes.number("ExposureTimeBaseAbs") if self.model.base_us else np.inf
+        return min(
+            rate_us, base_us, 14.0 if self._left("ExposureTimeMode", absent="Standard") == "UltraShort" else np.inf
+        )
 
     def _in_units(self, nodes: dict[str, Node]) -> None:
         """Count times in the camera's unit."""

@@ -8,6 +8,7 @@ Here: what a camera offers, and one configuration of it. Not here: its trigger (
 one by one (`nodes`), what other programs left set (`leftovers`).
 """
 
+from math import ceil
 from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
@@ -21,6 +22,10 @@ from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSe
 
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
 """The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
+BASE: Final = "ExposureTimeBaseAbs"
+MOST_BASES: Final = 4095
+"""Older Baslers expose for 1 to 4095 times this base, in microseconds, and take the nearest to ExposureTimeAbs (Basler
+scout GigE manual, 9.7: to 82 ms with the base of 20 us, to 10 s with longer ones)."""
 EFFECTIVE: Final = "BslEffectiveExposureTime"
 """The exposure with the sensor's own offset, in microseconds (docs.baslerweb.com/exposure-time: "factors like internal
 offsets ... that may cause the exposure time to differ from the exposure time set": ace 2, boost R, dart R and M)."""
@@ -97,8 +102,9 @@ def _largest(features: Features, name: str) -> int:
 def _exposure_limits(features: Features, options: GenicamOptions) -> tuple[float, float, float]:
     found = features.first(EXPOSURES)
     if found is not None:
-        unit_s = seconds_per_unit(features.device, *found)
-        return found[1].low * unit_s, found[1].high * unit_s, min(unit_s, US)
+        unit_s, base = seconds_per_unit(features.device, *found), features.find(BASE)
+        high_s = max(found[1].high * unit_s, 0.0 if base is None else base.high * US)
+        return found[1].low * unit_s, high_s, min(unit_s, US)
     fixed_s = options.fixed_exposure_s or 0.01
     return fixed_s, fixed_s, fixed_s
 
@@ -273,7 +279,10 @@ class GenicamSetup:
         return self._write_exposure(config.exposure_s)
 
     def _write_exposure(self, exposure_s: float) -> float:
-        """Set the nearest exposure that the camera takes now; return it."""
+        """Set the nearest exposure that the camera takes now, by its finest base; return it."""
+        base = self._features.find(BASE)
+        if base is not None:
+            self._features.write(BASE, float(min(max(ceil(exposure_s / US / MOST_BASES), base.low), base.high)))
         found = self._features.first(EXPOSURES)
         assert found is not None  # the caller has seen it
         name, limits = found

@@ -142,9 +142,11 @@ def test_a_sequencer_of_a_gige_camera_is_switched_off_behind_the_automatic_setti
     assert any("SequenceEnable was True and has been reset to False" in line for line in one.sensor.incidents)
 
 
-@pytest.mark.parametrize(
-    "model", [{"frame_trigger": "ExposureStart"}, {"left": {"TriggerControlImplementation": "Legacy"}}]
-)
+OTHER_NAMES = [{"frame_trigger": "ExposureStart"}, {"left": {"TriggerControlImplementation": "Legacy"}}]
+OTHER_NAMES += [{"frame_trigger": "FrameBurstStart", "left": {"AcquisitionBurstFrameCount": 3}}]
+
+
+@pytest.mark.parametrize("model", OTHER_NAMES)
 def test_a_frames_trigger_is_found_by_its_other_names(model):
     one = Bench(**model)
     one.sensor.prepare()
@@ -164,6 +166,20 @@ def test_a_limit_of_exposures_that_another_program_left_is_none_of_the_cameras(m
     assert one.sensor.info.max_exposure_s == pytest.approx(10.0)
     assert one.sensor.configure(SensorConfig(exposure_s=80e-3, trigger=TriggerMode.EDGE)).exposure_s == 80e-3
     assert len([line for line in one.sensor.incidents if "has been reset" in line]) == 1
+
+
+@pytest.mark.parametrize("left_us", [20.0, 62.0, 1e6])
+@pytest.mark.parametrize("wanted_s", [2e-3, 0.1, 0.5])
+def test_exposures_that_are_multiples_of_a_base_are_set_by_the_finest_one(left_us, wanted_s):
+    """With the base of 20 us that a scout has at first, 82 ms were the longest; with another left, 1 s the shortest."""
+    one = Bench(exposure="ExposureTimeAbs", base_us=left_us)
+    assert one.sensor.info.max_exposure_s == pytest.approx(10.0)
+    one.start(exposure_s=wanted_s)
+    one.pulse()
+    one.sensor.read(2.0)
+    taken = one.world.exposures[-1]
+    assert taken.end_s - taken.start_s == pytest.approx(wanted_s, rel=2e-4)
+    assert one.sensor.settings.exposure_s == pytest.approx(taken.end_s - taken.start_s, abs=1e-9)
 
 
 @pytest.mark.parametrize(("stated_s", "found_s"), [(None, 14e-6), (5e-6, 5e-6), (0.0, 0.0)])
