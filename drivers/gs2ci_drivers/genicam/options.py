@@ -36,8 +36,8 @@ class GenicamOptions(CameraOptions):
     buffers: Count = 8
     """Frame buffers to announce."""
     trigger_selector: str = "FrameStart"
-    """Which of the camera's triggers begins an exposure (SFNC: TriggerSelector); ExposureStart where there is none of
-    that name."""
+    """Which of the camera's triggers begins an exposure (SFNC: TriggerSelector); ExposureStart or FrameBurstStart where
+    there is none of that name."""
     trigger_line: str = "Line1"
     """Input that the trigger comes in by (SFNC: TriggerSource)."""
     trigger_activation: Literal["RisingEdge", "FallingEdge"] = "RisingEdge"

@@ -17,7 +17,10 @@ from gs2ci_drivers.sensor import TriggerMode
 START_DELAYS: Final = ("BslExposureStartDelay",)
 """Time from a trigger to its exposure with the present settings, in microseconds; line, debouncer and TriggerDelay come
 on top (docs.baslerweb.com/exposure-start-delay and /acquisition-timing-information)."""
-EXPOSURE: Final = "ExposureStart"
+OTHERS: Final = ("ExposureStart", "FrameBurstStart")
+"""What else begins an exposure where there is no FrameStart: IDS' ("Then activate the ExposureStart trigger": IDS
+Vision cameras, Using a software trigger), and the only one of many Hikrobots, of bursts of one (aravis issues 589 and
+702)."""
 OTHER_EDGE: Final = {"RisingEdge": ("Falling", "Low"), "FallingEdge": ("Rising", "Raising", "High")}
 """What the names of debouncers contain that delay the other edge."""
 AS_WIRED: Final[dict[str, FeatureValue]] = {"LineMode": "Input", "LineInverter": False}
@@ -26,11 +29,8 @@ processing by the line inverter module"), so that rising edges would be falling 
 
 
 def selected(features: Features, options: GenicamOptions) -> str:
-    """Return which entry of TriggerSelector begins an exposure; "" if there is none.
-
-    IDS has no FrameStart ("Then activate the ExposureStart trigger": IDS Vision cameras, Using a software trigger).
-    """
-    return next((one for one in (options.trigger_selector, EXPOSURE) if features.has("TriggerSelector", one)), "")
+    """Return which entry of TriggerSelector begins an exposure; "" if there is none."""
+    return next((one for one in (options.trigger_selector, *OTHERS) if features.has("TriggerSelector", one)), "")
 
 
 class Trigger:

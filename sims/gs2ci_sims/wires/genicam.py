@@ -48,7 +48,8 @@ class GenicamModel(ShutterModel):
         height: Rows of the pixel array.
         width: Columns.
         formats: Pixel formats by their PFNC names; the first is the default.
-        frame_trigger: The camera's name for the trigger of a frame: IDS' is ExposureStart.
+        frame_trigger: The camera's name for the trigger of a frame, if another its only one: ExposureStart (IDS),
+            FrameBurstStart (Hikrobot).
         trigger_input: The camera's name for the input that `trigger_line` is wired to.
         stamps: The event that a time stamp marks.
         clock_epoch_s: Time on its clock when the world's clock is at 0.
@@ -368,7 +369,7 @@ class GenicamTwin:
 
     def _make_nodes(self) -> dict[str, Node]:
         model = self.model
-        triggers = TRIGGERS if model.frame_trigger == FRAME else TRIGGERS[1:]
+        triggers = TRIGGERS if model.frame_trigger == FRAME else (model.frame_trigger,)
         inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
         return {
             **self._sizes(),

@@ -142,9 +142,11 @@ def test_a_sequencer_of_a_gige_camera_is_switched_off_behind_the_automatic_setti
     assert any("SequenceEnable was True and has been reset to False" in line for line in one.sensor.incidents)
 
 
-@pytest.mark.parametrize(
-    "model", [{"frame_trigger": "ExposureStart"}, {"left": {"TriggerControlImplementation": "Legacy"}}]
-)
+OTHER_NAMES = [{"frame_trigger": "ExposureStart"}, {"left": {"TriggerControlImplementation": "Legacy"}}]
+OTHER_NAMES += [{"frame_trigger": "FrameBurstStart", "left": {"AcquisitionBurstFrameCount": 3}}]
+
+
+@pytest.mark.parametrize("model", OTHER_NAMES)
 def test_a_frames_trigger_is_found_by_its_other_names(model):
     one = Bench(**model)
     one.sensor.prepare()
