@@ -242,6 +242,7 @@ class Code(StrEnum):
     EXPOSURE_LEFT_OUT = auto()
     EXPOSURE_PLACED_OTHERWISE = auto()
     EXPOSURES_REPEAT = auto()
+    EXPOSURES_REPEAT_MASKS = auto()
     OF_EXPOSURE = auto()
 
     # The result.

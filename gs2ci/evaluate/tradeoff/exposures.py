@@ -20,8 +20,10 @@ from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.tradeoff.trials import BASELINE, JUDGED_SHARE, JUDGES, TradeoffTrial, Treated, figures
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
-from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.coding import without_pixels
+from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
 from gs2ci.reconstruct.presets.named import PRESETS
+from gs2ci.reconstruct.registration.register import register
 
 KNOB: Final = "exposures"
 
@@ -56,12 +58,15 @@ def tried_together(
     """
     chosen = list(shots[: trial.exposures])
     first = chosen[0]
-    holdout = Holdout.of(first, JUDGED_SHARE, seed ^ JUDGES)
+    # Its masks and readings as a registration corrects them, which views are coded by.
+    registered = register(first, trial.settings.registration, seed=seed)
+    pixels = choose_heldout(registered.shot, JUDGED_SHARE, seed ^ JUDGES, registered.averaged)
     began_s = clock()
-    joint = reconstruct_together([holdout.seen, *chosen[1:]], replace(trial.settings, seed=seed))
+    # In no exposure: a repeat under the same masks would tell the judging readings.
+    joint = reconstruct_together([without_pixels(one, pixels) for one in chosen], replace(trial.settings, seed=seed))
     seconds = clock() - began_s
     part, truth = joint.parts[0], first.truth
-    lit = first.weights_by(part.brightness)
+    lit = registered.shot.weights_by(part.brightness)
     coded = part.views if part.exposed_views is None else part.exposed_views
     path = truth.world_to_camera
     details: Row = {
@@ -71,7 +76,7 @@ def tried_together(
         "exposures": trial.exposures - len(joint.left_out),
         "capture_s": capture_s(chosen),
     }
-    judging = Holdout(replace(first, weights=lit), holdout.pixels)
+    judging = Holdout(replace(registered.shot, weights=lit, truth=truth), pixels)
     return figures(trial, seconds, Treated(part.views, coded, lit, details), judging)
 
 

@@ -87,7 +87,9 @@ def decoded_together(
         for one in _with_one_geometry(kept, decoded, settings, prior, progress):
             found[at[one.number]] = one
         first, *others = (one.name for one in kept)
-        notes.append(finding(Code.EXPOSURES_REPEAT, name=first, others=", ".join(others)))
+        alike = all(np.array_equal(one.given.masks, kept[0].given.masks) for one in kept)
+        code = Code.EXPOSURES_REPEAT_MASKS if alike else Code.EXPOSURES_REPEAT
+        notes.append(finding(code, name=first, others=", ".join(others)))
     return found, said(notes, progress)
 
 

@@ -76,12 +76,28 @@ def test_the_first_exposure_judges_and_its_judging_pixels_are_seen_by_no_trial(t
     ((seen, settings),) = together
     assert len(seen) == 2
     assert settings.seed == 42
-    hidden = ~seen[0].masks.any(axis=0) & shots[0].masks.astype(bool).any(axis=0)
+    hidden = ~seen[0].masks.any(axis=0) & shots[0].masks.any(axis=0)
     assert hidden.sum() == 1
-    assert seen[1] is shots[1]
+    for one, given in zip(seen, shots, strict=False):
+        np.testing.assert_array_equal(one.masks, given.masks * ~hidden)
     assert found["psnr_db"] == pytest.approx(26.02, abs=0.01)
     assert (found["seconds"], found["capture_s"], found["exposures"]) == (7.0, 1.0, 2)
     assert found["heldout_db"] is not None
+
+
+def test_right_views_are_judged_right_where_masks_are_stated_beside_where_they_are(monkeypatch):
+    rng = np.random.default_rng(7)
+    masks = (rng.random((2, 64, 64)) < 0.5).astype(np.float32)
+    views = np.broadcast_to(np.linspace(0.3, 0.7, 64, dtype=np.float32)[:, None, None], (2, 64, 64, 1)).copy()
+    measurement = (masks[..., None] * views).sum(axis=0)
+    stated = Shot(measurement, np.roll(masks, 3, axis=2), truth=Truth(views, np.tile(np.eye(4), (2, 1, 1))))
+    part = SimpleNamespace(views=views, exposed_views=None, brightness=None, curve=(), gaussians=7,
+                           world_to_camera=np.tile(np.eye(4), (2, 1, 1)))  # fmt: skip
+    joint = SimpleNamespace(parts=(part,), left_out=())
+    monkeypatch.setattr(exposures, "reconstruct_together", lambda *_: joint)
+    found = tried_together([stated, stated], exposure_trials(2)[1], 0)
+    # With the masks as stated it would be 6 dB.
+    assert found["heldout_db"] > 30
 
 
 def test_without_a_truth_the_unseen_pixels_judge_alone(together):

@@ -1,6 +1,7 @@
 """Repeats of a path: which exposures are, their common decode, and what held-out pixels leave of it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -124,6 +125,21 @@ def test_repeats_get_one_decode_path_and_depth_and_others_stay_as_they_are(obser
     assert [(note.code, note.figures["name"], note.figures["others"]) for note in notes] == [
         (Code.EXPOSURES_REPEAT, "repeat 0", "repeat 1, brighter")
     ]
+
+
+@pytest.mark.parametrize(("other", "code"), [(0, Code.EXPOSURES_REPEAT_MASKS), (1, Code.EXPOSURES_REPEAT)])
+def test_repeats_under_the_same_masks_are_said_to_tell_nothing_new(monkeypatch, other, code):
+    named = "gs2ci.reconstruct.exposures.repeats"
+    masks = np.eye(2), np.ones((2, 2))
+    group = [
+        SimpleNamespace(number=number, name=name, given=SimpleNamespace(masks=masks[which]))
+        for number, (name, which) in enumerate([("a", 0), ("b", other)])
+    ]
+    monkeypatch.setattr(f"{named}.groups", lambda observed: [observed])
+    monkeypatch.setattr(f"{named}._kept", lambda kept, settings: (kept, object()))
+    monkeypatch.setattr(f"{named}._with_one_geometry", lambda kept, *_: kept)
+    _, notes = decoded_together(group, SETTINGS, None, Silent())
+    assert [(note.code, note.figures) for note in notes] == [(code, {"name": "a", "others": "b"})]
 
 
 def test_they_can_be_left_out():
