@@ -28,7 +28,7 @@ from typing import Final
 
 import numpy as np
 from scipy import fft
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import expit
 
 from gs2ci.core.arrays import F32, F64, Bool, Size
@@ -54,7 +54,7 @@ _EXPLAINED: Final = 0.05
 # Relative distance of the blurs that are tried.
 _SIGMA_STEP: Final = 0.04
 _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
-_FINEST_PX: Final = 1e-3
+_FINEST_PX: Final = 3e-4
 # An interpolation must leave less than this share of what a blur alone leaves.
 _EXPLAINS: Final = 0.97
 # Noise of less than this variance is left as it is: single elements of a real modulator differ, too.
@@ -209,24 +209,19 @@ class _Softening:
     @classmethod
     def _blur_of(cls, sample: F64) -> "_Softening":
         every = (cls(sigma_px=float(s), lost=lost) for lost, most in _LOST for s in _SIGMAS_PX if s <= most)
-        return min(every, key=lambda one: one._left_after(sample, 0))._narrowed(sample, _SIGMA_STEP / 2)
+        return min(every, key=lambda one: one._left_after(sample, 0)).again(sample)
 
     def again(self, sample: F64) -> "_Softening":
-        """Return a softening of the same kind that explains one mask, [1, H, W], best, near this one."""
-        if self.placement.is_identity:
-            return self._narrowed(sample, _SIGMA_STEP / 4)
-        return self._fitted(sample, self.undone(sample, _STEPS_OF_A_TRY))
+        """Return the softening of the same kind, near this one, that explains one mask, [1, H, W], best."""
+        if not self.placement.is_identity:
+            return self._fitted(sample, self.undone(sample, _STEPS_OF_A_TRY))
 
-    def _narrowed(self, sample: F64, step: float) -> "_Softening":
-        """Return the blur about this one that explains one mask best, by relative steps that are halved."""
-        found, least = self, self._left_after(sample, _STEPS_OF_A_TRY)
-        while step * found.sigma_px > _FINEST_PX:
-            for tried in [replace(found, sigma_px=found.sigma_px * (1 + by)) for by in (-step, step)]:
-                left = tried._left_after(sample, _STEPS_OF_A_TRY)
-                if left < least:
-                    found, least = tried, left
-            step /= 2
-        return found
+        def left(sigma_px: float) -> float:
+            return replace(self, sigma_px=sigma_px)._left_after(sample, _STEPS_OF_A_TRY)
+
+        bounds = self.sigma_px * (1 - _SIGMA_STEP), self.sigma_px * (1 + _SIGMA_STEP)
+        found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": _FINEST_PX})
+        return replace(self, sigma_px=float(found.x))
 
     def _left_after(self, sample: F64, steps: int) -> float:
         return self.left(sample, self.redone(self.undone(sample, steps)))
