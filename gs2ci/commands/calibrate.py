@@ -147,10 +147,12 @@ def _print_drift(changes: list["Change"], notes: tuple[str, ...]) -> None:
         say(note)
     drifted = [change for change in changes if change.too_far]
     if drifted:
-        steps = dict.fromkeys(change.step for change in drifted)
+        # In the order in which they need each other.
+        steps = [name for name in get_args(Step) if name in {change.step for change in drifted}]
+        update = "; or take shots with --no-probe and run `gs2ci calibrate update`" if "registration" in steps else ""
         raise CalibrationError(
             "check",
             Reason.DOES_NOT_FIT,
             f"{', '.join(change.what for change in drifted)} changed by more than allowed since the calibration",
-            remedy=f"run `gs2ci calibrate` {', '.join(steps)} again",
+            remedy=f"run `gs2ci calibrate` {', '.join(steps)} again{update}",
         )
