@@ -87,14 +87,13 @@ def run(
             try:
                 opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
             except (Gs2ciError, KeyboardInterrupt):
-                if sections:
-                    done = [section.name for section in sections]
-                    left = [name for name in get_args(Step)[:7] if name not in done]
-                    say(
-                        "in ",
-                        out,
-                        f": {', '.join(done)}; go on with `gs2ci calibrate {left[0]}` ({', '.join(left)} are left)",
-                    )
+                from gs2ci_calibration.procedures import PROCEDURES
+
+                done = [section.name for section in sections]
+                left = [name for name in PROCEDURES if name not in done]
+                if done and left:
+                    said = f"{', '.join(done)}; go on with `gs2ci calibrate {left[0]}` ({', '.join(left)} are left)"
+                    say("in ", out, f": {said}")
                 raise
         say("bundle in ", out)
         answer({"bundle": out, "sections": [section.record() for section in sections]})
