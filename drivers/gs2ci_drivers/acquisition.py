@@ -125,7 +125,7 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
     """
     modulator, sensor, stage = devices.modulator, devices.sensor, devices.stage
     modulator_info = modulator.connect()
-    sensor_info = sensor.connect()
+    sensor_info = sensor.prepare()
     stage_info = stage.connect() if stage is not None else None
     if settings.mode is Mode.PER_MASK and sensor_info.only_gated:
         settings = replace(settings, gated=True)

@@ -15,11 +15,14 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntFlag
+from typing import Final
 
 from gs2ci.core.arrays import U16
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.device import Device
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError, WrongStateError
+
+HOW_TRIGGERED: Final = "state in [sensor] how it is triggered: `trigger_adapter` (v4l2), `trigger_selector` (genicam)"
 
 
 class TriggerMode(Enum):
@@ -269,6 +272,16 @@ class Sensor(Device[SensorInfo, SensorStatus]):
             raise WrongStateError(self.name, "not configured", asked="settings", remedy="call configure() first")
         return self._settings
 
+    def prepare(self) -> SensorInfo:
+        """Connect, reset what other programs left that limits the device, and return its abilities without that.
+
+        Raises:
+            DriverError: As `connect` and `configure`.
+        """
+        self.connect()
+        self._info = self._do_prepare()
+        return self._info
+
     def configure(self, config: SensorConfig) -> SensorSettings:
         """Set format, exposure and trigger; return the settings that the device accepted.
 
@@ -278,9 +291,10 @@ class Sensor(Device[SensorInfo, SensorStatus]):
             UnsupportedError: Format, trigger mode or control not there.
             LinkError, RefusedError: On the way.
         """
-        check_config(self.name, self.info, config)
         if self._streaming:
             raise WrongStateError(self.name, "streaming", asked="configure", remedy="call stop() first")
+        _ = self.info
+        check_config(self.name, self.prepare(), config)
         self._settings = self._do_configure(config)
         return self._settings
 
@@ -339,6 +353,10 @@ class Sensor(Device[SensorInfo, SensorStatus]):
             self._streaming = False
             self._do_stop()
 
+    def _do_prepare(self) -> SensorInfo:
+        """Reset what limits the device, and describe it anew; here: nothing does."""
+        return self.info
+
     @abstractmethod
     def _do_configure(self, config: SensorConfig) -> SensorSettings:
         """Set a checked configuration and read back what came of it."""
@@ -375,7 +393,7 @@ def check_config(device: str, info: SensorInfo, config: SensorConfig) -> None:
             allowed=", ".join(sorted(mode.value for mode in info.triggers)),
             remedy='set mode = "gate" in [capture]: this sensor exposes as long as its line is held'
             if info.only_gated
-            else "set `trigger_adapter` in [sensor], or choose another `mode` in [capture]",
+            else f"{HOW_TRIGGERED}, or choose another `mode` in [capture]",
         )
     names = sorted({fmt.fourcc for fmt in info.formats})
     if config.fourcc and config.fourcc not in names:

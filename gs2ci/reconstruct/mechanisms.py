@@ -70,8 +70,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "sources-of-geometry": {
         LeftOut.TRACKS_SOUGHT_TWICE: "tracks are sought again where a rough depth map predicts them",
         LeftOut.ADJUSTMENT_OF_POINTS: "points may leave the rays of their corners in a second bundle adjustment",
-    },
-    "small-motions": {
         LeftOut.DISPLACEMENTS: "the path that explains displacements of blocks of the measurement replaces worse ones",
     },
     "wide-baseline": {

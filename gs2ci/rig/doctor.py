@@ -28,7 +28,7 @@ from gs2ci_drivers.manners import manners_for
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.plugin import known_driver
-from gs2ci_drivers.sensor import FrameFlag, TriggerMode
+from gs2ci_drivers.sensor import HOW_TRIGGERED, FrameFlag, TriggerMode
 
 Verdict = Literal["ok", "note", "bad", "know"]
 
@@ -379,14 +379,14 @@ def _modulator(devices: Devices) -> Iterator[BenchFinding]:
 
 
 def _sensor(devices: Devices) -> Iterator[BenchFinding]:
-    info = devices.sensor.connect()
+    info = devices.sensor.prepare()
     yield BenchFinding("sensor", "ok", f"{info.model} answers ({info.driver})")
     external = {TriggerMode.EDGE, TriggerMode.LEVEL} & info.triggers
     yield BenchFinding(
         "sensor trigger",
         "ok" if external else "bad",
         ", ".join(sorted(mode.value for mode in info.triggers)),
-        "" if external else "set `trigger_adapter` in [sensor]: V4L2 has no standard way to ask for a trigger",
+        "" if external else HOW_TRIGGERED,
     )
 
 

@@ -44,7 +44,7 @@ def sensor_config(rig: Rig, devices: Devices) -> SensorConfig:
         DriverError: The sensor does not answer.
     """
     wanted = rig.table.sensor
-    largest = max(devices.sensor.connect().formats, key=lambda fmt: fmt.height * fmt.width)
+    largest = max(devices.sensor.prepare().formats, key=lambda fmt: fmt.height * fmt.width)
     return SensorConfig(
         height=wanted.height or largest.height,
         width=wanted.width or largest.width,

@@ -3,7 +3,7 @@
 MAT files of version 5 whose bytes were damaged: how often scipy's reader and ours end the process. Gray-code stripes:
 OpenCV's patterns against ours. A chart of a page: matplotlib's SVG against ours. And the other way round: the golden
 section that was written by hand against scipy's search, for the focal length.
-Decision: `docs/decisions`, "Formats and graphs written by hand".
+Decision: docs/decisions/libraries.md.
 """
 
 import io

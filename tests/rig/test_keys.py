@@ -74,8 +74,11 @@ def remedies() -> list[tuple[str, str]]:
         source = path.read_text(encoding="utf-8")
         if not re.search(r"\b(?:remedy|allowed|set)\b", source):
             continue
+        name = path.relative_to(ROOT)
         for node in ast.walk(ast.parse(source)):
-            where = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
+            if not isinstance(node, ast.keyword | ast.Constant | ast.JoinedStr):
+                continue
+            where = f"{name}:{node.lineno}"
             if isinstance(node, ast.keyword) and node.arg in ("remedy", "allowed"):
                 found.append((where, text_of(node.value)))
             elif isinstance(node, ast.Constant | ast.JoinedStr):

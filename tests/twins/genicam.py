@@ -70,6 +70,13 @@ class GenicamModel(genicam.GenicamModel):
         stream_limit: StreamBytesPerSecond, and StreamFrameRateConstrain (Allied Vision, GigE Camera and Drivers
             Features 2.0.0: "If False, frame rate is not limited to bandwidth"); None: it has none.
         tells_latency: Whether it tells `latency_s` as BslExposureStartDelay (docs.baslerweb.com/exposure-start-delay).
+        tells_offset: Whether it tells the exposure with `exposure_offset_s` (docs.baslerweb.com/exposure-time:
+            BslEffectiveExposureTime).
+        rate_limits: AcquisitionFrameRate that another program has left on, and that limits ExposureTime (Teledyne DALSA
+            FA-80, Camera Operation: "When adjusting the exposure time the range is limited by the frame rate"; KAYA
+            JetCam19, 10.3); 0: none.
+        base_us: ExposureTimeBaseAbs, as another program has left it: exposures are 1 to 4095 times as long (Basler
+            scout GigE manual, 9.7); 0: it has none.
         delay_switch: Whether TriggerDelay has an effect only while TriggerDelayEnabled is on (Point Grey Chameleon3).
         exposure: Name of its exposure: Ricoh's is ExposureTimeRaw (arvcamera.c, arv_camera_set_exposure_time).
         latched: Where TimestampLatch puts the time: in TimestampLatchValue, or in Timestamp (Chameleon3, mvBlueFOX3).
@@ -102,6 +109,9 @@ class GenicamModel(genicam.GenicamModel):
     packets: tuple[int, int] | None = None
     stream_limit: tuple[int, bool] | None = None
     tells_latency: bool = False
+    tells_offset: bool = False
+    rate_limits: float = 0.0
+    base_us: float = 0.0
     delay_switch: bool = False
     exposure: str = "ExposureTime"
     latched: Literal["TimestampLatchValue", "Timestamp"] = "TimestampLatchValue"
@@ -120,12 +130,18 @@ _FURTHER = {
     "StreamHoldEnable": lambda left: Node("enumeration", left, symbols=("Off", "On")),
     "AcquisitionFrameRateMode": lambda left: Node("enumeration", left, symbols=("Off", "On")),
     "AcquisitionFrameRateTargetEnable": lambda left: Node("boolean", left),
+    "ExposureTimeMode": lambda left: Node("enumeration", left, symbols=("Standard", "UltraShort")),
+    "TransferControlMode": lambda left: Node("enumeration", left, symbols=("Basic", "Automatic", "UserControlled")),
+    "SequenceEnable": lambda left: Node("boolean", left),
+    "TriggerControlImplementation": lambda left: Node("enumeration", left, symbols=("Legacy", "Standard")),
 }
 """Feature -> how it is made: Hikrobot's GigE manual, 9.7.4 (three triggers at most are kept) and 9.7.1 (frames of a
 burst follow one trigger); Daheng's MERCURY2 manual, 8.2.11 (0 to 5000 us between trigger and exposure); AVT GigE Camera
 Attributes 1.3.1 (about a nanosecond each, up to 50000); Imperx Cheetah manual; Allied Vision (a level has to last for
 LineDebounceDuration, here 100 us; StreamHoldEnable keeps frames in the camera); Daheng's and IDS' switches of the frame
-rate, here 25 Hz."""
+rate, here 25 Hz; Basler: ultra-short exposures end after 14 us at the latest, a sequencer locks what it changes and is
+locked by automatic settings, and in a Legacy implementation a frame's trigger "is called Acquisition Start trigger"
+(pylon, PLCamera); FLIR, Transfer Control: UserControlled keeps frames."""
 
 
 def pack_pfnc(pixels: U16, name: str, padding_bytes: int = 0) -> bytes:
@@ -156,6 +172,10 @@ class OddNodes(NodeTable):
     def add(self, name: str, node: Node) -> None:
         """Give the camera a further feature."""
         self._nodes[name], self._at_power_up[name] = node, node.value
+
+    def set_entries(self, name: str, symbols: tuple[str, ...]) -> None:
+        """Give an enumeration other entries."""
+        self._nodes[name].symbols = symbols
 
     def off(self) -> dict[str, Node]:
         """Return the features that are off their values at power-up, those of a selector's entries included."""
@@ -198,11 +218,7 @@ class GenicamTwin(genicam.GenicamTwin):
         self.nodes = OddNodes(
             in_categories(self._make_nodes()),
             lambda: self.streaming,
-            lambda name: (
-                self.model.locks_triggers
-                and name in ("TriggerSource", "TriggerActivation", "TriggerDelay")
-                and self.nodes.read("TriggerMode") == "On"
-            ),
+            self._barred,
             lambda name: (
                 bool(self.model.outputs)
                 and name == self.model.debouncer
@@ -210,11 +226,28 @@ class GenicamTwin(genicam.GenicamTwin):
             ),
         )
 
+    def _barred(self, name: str) -> bool:
+        """Return whether a feature is locked by another one."""
+        if name in ("TriggerSource", "TriggerActivation", "TriggerDelay") and self.model.locks_triggers:
+            return self.nodes.read("TriggerMode") == "On"
+        if name == "SequenceEnable":
+            return "Continuous" in (self.nodes.read("ExposureAuto"), self.nodes.read("GainAuto"))
+        return name in (self.model.exposure, "Gain", "Width") and bool(self._left("SequenceEnable", absent=False))
+
     def write(self, name: str, value: FeatureValue) -> None:
+        if self.model.base_us and name in ("ExposureTimeBaseAbs", self.model.exposure):
+            exposure_us, base_us = self.nodes.number(self.model.exposure), self.nodes.number("ExposureTimeBaseAbs")
+            bases = (float(value) if name == self.model.exposure else exposure_us) / base_us
+            super().write(name, value)
+            times = min(max(round(bases), 1), 4095) * self.nodes.number("ExposureTimeBaseAbs")
+            self.nodes.write(self.model.exposure, min(max(times, 20.0), 10e6))
+            return
         automatic = name == "GainAuto" and self.nodes.read(name) != "Off"
         super().write(name, value)
         if automatic and value == "Off":
             self.nodes.write("Gain", self.model.auto_gain)
+        if (name, value) == ("TriggerControlImplementation", "Standard"):
+            self.nodes.set_entries("TriggerSelector", genicam.TRIGGERS)
 
     def start(self, buffers: int, chunks: tuple[str, ...]) -> int:
         frames = self._frames
@@ -274,7 +307,8 @@ class GenicamTwin(genicam.GenicamTwin):
         return own_s + glitch_s + filter_s + 100 * US * (self._left("LineDebounceMode", absent="Off") != "Off")
 
     def _deliver(self, exposed: Exposed) -> None:
-        if self._left("StreamHoldEnable", absent="Off") == "Off":
+        held = self._left("TransferControlMode", absent="Basic") == "UserControlled"
+        if self._left("StreamHoldEnable", absent="Off") == "Off" and not held:
             super()._deliver(exposed)
 
     def _least_period_s(self) -> float:
@@ -350,8 +384,19 @@ class GenicamTwin(genicam.GenicamTwin):
         model = self.model
         if model.tells_latency:
             nodes["BslExposureStartDelay"] = Node("float", model.latency_s / US, fixed=True, unit="us")
+        if model.tells_offset:
+            nodes["BslEffectiveExposureTime"] = Node(
+                "float", fixed=True, read=lambda: (self._exposure_s() + model.exposure_offset_s) / US, unit="us"
+            )
+        if model.base_us:
+            nodes["ExposureTimeBaseAbs"] = Node("float", model.base_us, lambda: 1.0, lambda: 10e6, 1.0, unit="us")
+        if model.rate_limits:
+            nodes["AcquisitionFrameRateEnable"] = Node("boolean", True)
+            nodes["AcquisitionFrameRate"].value = model.rate_limits
         if model.delay_switch:
             nodes["TriggerDelayEnabled"] = Node("boolean", False)
+        most_us = nodes["ExposureTime"].high
+        nodes["ExposureTime"].high = lambda: min(most_us(), self._longest_us())
         nodes[model.exposure] = nodes.pop("ExposureTime")
         if model.stamped:
             nodes[model.latched] = nodes.pop("TimestampLatchValue")
@@ -361,6 +406,18 @@ class GenicamTwin(genicam.GenicamTwin):
         for name, left in model.left.items():
             nodes[name] = _FURTHER[name](left)
             nodes[name].category = "AcquisitionControl"
+        if model.left.get("TriggerControlImplementation") == "Legacy":
+            nodes["TriggerSelector"].symbols = ("AcquisitionStart",)
+            nodes["TriggerSelector"].value = "AcquisitionStart"
+
+    def _longest_us(self) -> float:
+        """Return the longest exposure that other features leave, in microseconds."""
+        limited = self.model.rate_limits and self.nodes.read("AcquisitionFrameRateEnable")
+        rate_us = 1e6 / self.nodes.number("AcquisitionFrameRate") if limited else np.inf
+        base_us = 4095 * self.nodes.number("ExposureTimeBaseAbs") if self.model.base_us else np.inf
+        return min(
+            rate_us, base_us, 14.0 if self._left("ExposureTimeMode", absent="Standard") == "UltraShort" else np.inf
+        )
 
     def _in_units(self, nodes: dict[str, Node]) -> None:
         """Count times in the camera's unit."""
@@ -410,7 +467,7 @@ class GenicamTwin(genicam.GenicamTwin):
             nodes["LineInverter"] = Node("boolean", inverted, selector="LineSelector")
         if model.debouncer_us is not None:
             found_us, least_us = model.debouncer_us
-            whole = model.debouncer.endswith("Raw") or model.debouncer.startswith("mv")
+            whole = model.debouncer.endswith("Raw") or model.debouncer.startswith(("mv", "line"))
             kind, step = ("integer", 1.0) if whole else ("float", 0.1)
             nodes[model.debouncer] = Node(
                 *(kind, found_us, lambda: least_us, lambda: 20e3, step), selector="LineSelector", unit="us"

@@ -16,6 +16,7 @@ from gs2ci_drivers.genicam.frame_checks import FIRST_IDS, BufferChecks, TakenFra
 from gs2ci_drivers.genicam.nodes import Features
 from gs2ci_drivers.genicam.options import ONLY, GenicamOptions
 from gs2ci_drivers.genicam.setup import GenicamSetup, describe_camera
+from gs2ci_drivers.genicam.trigger import selected
 from gs2ci_drivers.ports import CameraIdentity, CameraPort, FeatureRefusalError, port_errors
 from gs2ci_drivers.sensor import SensorConfig, SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.streamed_sensor import StreamedSensor
@@ -45,10 +46,21 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
         self._setup: GenicamSetup | None = None
         self._camera_clock: CameraClock | None = None
         self._found_mode: str | None = None
+        self._cleared = False
 
     def _do_connect(self) -> SensorInfo:
         with self._noticing_loss():
             return describe_camera(self._features, self._open(), self._options)
+
+    def _do_prepare(self) -> SensorInfo:
+        with self._noticing_loss():
+            identity = self._open()
+            if not self._streaming and not self._cleared:
+                self._remember_trigger()
+                GenicamSetup(self.name, self._features, self._options, self.incidents).clear()
+                self._cleared = True
+                return describe_camera(self._features, identity, self._options)
+        return self.info
 
     def _open(self) -> CameraIdentity:
         if self._identity is None:
@@ -187,12 +199,12 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _remember_trigger(self) -> None:
         """Store the trigger mode that was found, once, so that it can be restored."""
         if self._found_mode is None and self._features.has("TriggerMode"):
-            self._features.write_if_there("TriggerSelector", self._options.trigger_selector)
+            self._features.write_if_there("TriggerSelector", selected(self._features, self._options))
             self._found_mode = str(self._features.read("TriggerMode"))
 
     def _put_trigger_back(self) -> None:
         if self._identity is not None and self._found_mode is not None:
-            self._features.write_if_there("TriggerSelector", self._options.trigger_selector)
+            self._features.write_if_there("TriggerSelector", selected(self._features, self._options))
             self._features.write("TriggerMode", self._found_mode)
 
     def _halt(self) -> None:
@@ -202,4 +214,4 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _let_go(self) -> None:
         self._halt()
         self._port.close()
-        self._identity, self._setup, self._checks = None, None, None
+        self._identity, self._setup, self._checks, self._cleared = None, None, None, False

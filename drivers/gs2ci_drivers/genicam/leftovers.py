@@ -25,6 +25,7 @@ DEBOUNCERS: Final = (
     "LineDebouncerHighTimeAbs",
     "LineDebouncerLowTimeAbs",
     "LineDebounceDuration",
+    "lineDebouncingPeriod",
     "LineFilterWidth",
     "BslInputFilterTime",
     "TriggerFilterRaisingEdge",
@@ -35,15 +36,22 @@ DEBOUNCERS: Final = (
 """Times for which a line's level has to last before it counts, chosen by LineSelector: a trigger acts later by as much,
 and one that is shorter is lost (docs.baslerweb.com/line-debouncer and /input-filter; Baumer VLXT manual, Debouncer;
 Point Grey Chameleon3 by klecknerlab/simple_pyspin 651845ad, pages of cameras: LineDebouncerTimeRaw "in microseconds";
-Allied Vision; FLIR: "filter width in microseconds"; Daheng MER-G manual, Input Debouncer; Balluff BVS CA-GT, Working
-with debouncing filters: "this mechanism delays the image acquisition")."""
+Allied Vision; Teledyne DALSA by names of its own; FLIR: "filter width in microseconds"; Daheng MER-G manual, Input
+Debouncer; Balluff BVS CA-GT, Working with debouncing filters: "this mechanism delays the image acquisition")."""
 SHUTTERS: Final = ("SensorShutterMode", "ShutterMode")
 ALL_ROWS_AT_ONCE: Final = ("Global", "GlobalReset", "GlobalResetRelease")
 """Shutters under which all rows see all masks, the best first (SFNC 2.7, SensorShutterMode; docs.baslerweb.com,
 Sensor Shutter Mode): after a global reset rows end one after the other, in the dark behind the last mask."""
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
-NEUTRAL: Final[Mapping[str, FeatureValue]] = {
-    "SequencerMode": "Off",
+SEQUENCERS: Final[Mapping[str, FeatureValue]] = {"SequencerMode": "Off", "SequenceEnable": False}
+"""They change other features from frame to frame, and lock them; the second is that of Basler's GigE cameras, which can
+be switched while automatic settings are off (docs.baslerweb.com, "Node SequenceEnable is not writable")."""
+NEUTRAL: Final[Mapping[str, FeatureValue | tuple[str, ...]]] = {
+    **SEQUENCERS,
+    "TriggerControlImplementation": "Standard",
+    "ExposureTimeMode": ("Common", "Standard"),
+    "BslExposureTimeMode": "Standard",
+    "TransferControlMode": ("Automatic", "Basic"),
     "TriggerDivider": 1,
     "TriggerMultiplier": 1,
     "TriggerCacheEnable": False,
@@ -87,14 +95,17 @@ NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "SaturationEnabled": False,
     "HueEnabled": False,
 }
-"""Features that would alter the picture or hold triggers back, each with its neutral value: SFNC 2 and SFNC 1, Basler's
-(docs.baslerweb.com: Digital Shift, Brightness and Contrast, Noise Reduction, Sharpness Enhancement) and FLIR's. Those
-of triggers: TriggerCacheEnable keeps a trigger that comes too early for later (Hikrobot GigE manual, 9.7.4), more than
-one frame of a burst follow one trigger (9.7.1); ExposureDelay lies between trigger and exposure (Daheng MERCURY2
-manual, 8.2.11); SyncInGlitchFilter "increases latency of FrameTrigger by same amount" (AVT GigE Attributes 1.3.1);
-TriggerFilterTime ignores shorter pulses (Imperx Cheetah manual); StreamHoldEnable keeps frames in the camera (Allied
-Vision, GigE Camera and Drivers Features 3.0.0); AcquisitionFrameRateMode is Daheng's switch of the
-frame rate, AcquisitionFrameRateTargetEnable that of IDS."""
+"""Features that would alter the picture or hold triggers back, each with its neutral value or entries: SFNC 2 and SFNC
+1, Basler's (docs.baslerweb.com: Digital Shift, Brightness and Contrast, Noise Reduction, Sharpness Enhancement) and
+FLIR's. Those of triggers: TriggerCacheEnable keeps a trigger that comes too early for later (Hikrobot GigE manual,
+9.7.4), more than one frame of a burst follow one trigger (9.7.1); ExposureDelay lies between trigger and exposure
+(Daheng MERCURY2 manual, 8.2.11); SyncInGlitchFilter "increases latency of FrameTrigger by same amount" (AVT GigE
+Attributes 1.3.1); TriggerFilterTime ignores shorter pulses (Imperx Cheetah manual); StreamHoldEnable keeps frames in
+the camera (Allied Vision, GigE Camera and Drivers Features 3.0.0); AcquisitionFrameRateMode is Daheng's switch of the
+frame rate, AcquisitionFrameRateTargetEnable that of IDS. Exposures: an ultra-short mode ends them after microseconds
+(docs.baslerweb.com/exposure-time: "Common or Standard ... is the default setting"). Frames stay in a camera whose
+TransferControlMode is UserControlled (FLIR, Transfer Control; Lucid; Daheng). TriggerControlImplementation: by Legacy
+older Baslers call a frame's trigger AcquisitionStart (pylon, PLCamera)."""
 TOGETHER: Final = {
     "AcquisitionFrameRateEnable": "AcquisitionFrameRate",
     "AcquisitionFrameRateEnabled": "AcquisitionFrameRate",
@@ -102,7 +113,7 @@ TOGETHER: Final = {
     "AcquisitionFrameRateTargetEnable": "AcquisitionFrameRateTarget",
     "LineDebounceMode": "LineDebounceDuration",
 }
-"""A switch that stays as it is if the rig file requests what it switches on."""
+"""A switch that stays as it is if the rig file requests what it switches on, by any name that begins so."""
 ELSEWHERE: Final = frozenset(
     {"ChunkDataControl", "EventControl", "UserSetControl", "FileAccessControl", "TransportLayerControl", "TestControl"}
 )
@@ -155,29 +166,33 @@ class Leftovers:
         """
         listed = self._features.list()
         if "SequencerMode" not in self._requested:
-            self._set("SequencerMode", "Off")  # it changes other features from frame to frame, and locks them
+            self._set("SequencerMode", "Off")  # automatic settings are locked while it is on
         autos = dict.fromkeys((*AUTOMATICS, *(name for _, name in listed if name.endswith("Auto"))))
         for name in autos:
             if name not in self._requested and self._features.has(name, "Off"):
                 self._features.write_if_there(name, "Off")
         for name, neutral in NEUTRAL.items():
-            if name not in self._requested and TOGETHER.get(name) not in self._requested:
+            together = name in TOGETHER and any(one.startswith(TOGETHER[name]) for one in self._requested)
+            if name not in self._requested and not together:
                 self._set(name, neutral)
         self._reset_gains()
         self._open_all_rows()
         self._name_switches(listed)
 
-    def _set(self, name: str, neutral: FeatureValue) -> None:
+    def _set(self, name: str, neutrals: FeatureValue | tuple[str, ...]) -> None:
         chosen = self._features.find(name)
         for entry in () if chosen is None else self._entries(chosen):
             found = self._features.find(name)  # an output has no debouncer (mvBlueFOX3)
             if found is None or not (found.readable and found.writable):
                 continue
-            if found.kind == "enumeration" and neutral not in found.symbols:
+            left = self._features.read(name)
+            several: tuple[FeatureValue, ...] = neutrals if isinstance(neutrals, tuple) else (neutrals,)
+            there = [one for one in several if found.kind != "enumeration" or one in found.symbols]
+            if not there or left in there:
                 continue
+            neutral = there[0]
             if found.kind in ("integer", "float"):
                 neutral = min(max(float(neutral), found.low), found.high)
-            left = self._features.read(name)
             # Of a range of 20 ms, ten microseconds are nothing, and of a trigger pulse all.
             if left == neutral or (name not in DEBOUNCERS and _same(left, neutral, found)):
                 continue

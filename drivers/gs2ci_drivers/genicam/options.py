@@ -36,7 +36,8 @@ class GenicamOptions(CameraOptions):
     buffers: Count = 8
     """Frame buffers to announce."""
     trigger_selector: str = "FrameStart"
-    """Which of the camera's triggers begins an exposure (SFNC: TriggerSelector)."""
+    """Which of the camera's triggers begins an exposure (SFNC: TriggerSelector); ExposureStart or FrameBurstStart where
+    there is none of that name."""
     trigger_line: str = "Line1"
     """Input that the trigger comes in by (SFNC: TriggerSource)."""
     trigger_activation: Literal["RisingEdge", "FallingEdge"] = "RisingEdge"
@@ -51,8 +52,9 @@ class GenicamOptions(CameraOptions):
     camera tells itself (Basler: BslExposureStartDelay) is counted without it."""
     features: dict[str, bool | int | float | str] = Field(default_factory=dict)
     """[sensor.features]: further features by name, written in this order."""
-    exposure_offset_s: Offset = 0.0
-    """By how much an exposure is longer than configured, or than the line is held; from the data sheet."""
+    exposure_offset_s: Offset | None = None
+    """By how much an exposure is longer than configured, or than the line is held, from the data sheet; without it, by
+    what the camera tells of it (Basler: BslEffectiveExposureTime), or 0."""
     fixed_exposure_s: Duration | None = None
     """Exposure of a camera that has no feature for it."""
     readout_s: Delay | None = None

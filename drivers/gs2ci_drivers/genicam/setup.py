@@ -8,6 +8,7 @@ Here: what a camera offers, and one configuration of it. Not here: its trigger (
 one by one (`nodes`), what other programs left set (`leftovers`).
 """
 
+from math import ceil
 from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
@@ -15,12 +16,19 @@ from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
 from gs2ci_drivers.genicam.leftovers import SHUTTERS, Leftovers
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, US, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.genicam.trigger import Trigger
+from gs2ci_drivers.genicam.trigger import Trigger, selected
 from gs2ci_drivers.ports import CameraIdentity, Feature, FeatureValue
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
 """The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
+BASE: Final = "ExposureTimeBaseAbs"
+MOST_BASES: Final = 4095
+"""Older Baslers expose for 1 to 4095 times this base, in microseconds, and take the nearest to ExposureTimeAbs (Basler
+scout GigE manual, 9.7: to 82 ms with the base of 20 us, to 10 s with longer ones)."""
+EFFECTIVE: Final = "BslEffectiveExposureTime"
+"""The exposure with the sensor's own offset, in microseconds (docs.baslerweb.com/exposure-time: "factors like internal
+offsets ... that may cause the exposure time to differ from the exposure time set": ace 2, boost R, dart R and M)."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
 """Readout time in microseconds by makers' own features: SFNC has none."""
 RATES: Final = (
@@ -47,7 +55,7 @@ arvgvspprivate.h, ARV_GVSP_PACKET_PROTOCOL_OVERHEAD)."""
 
 
 def describe_camera(features: Features, identity: CameraIdentity, options: GenicamOptions) -> SensorInfo:
-    """Return a camera's identity and abilities; nothing is written.
+    """Return a camera's identity and abilities as it is set now; nothing is written.
 
     Raises:
         UnsupportedError: It has no raw pixel format.
@@ -94,8 +102,9 @@ def _largest(features: Features, name: str) -> int:
 def _exposure_limits(features: Features, options: GenicamOptions) -> tuple[float, float, float]:
     found = features.first(EXPOSURES)
     if found is not None:
-        unit_s = seconds_per_unit(features.device, *found)
-        return found[1].low * unit_s, found[1].high * unit_s, min(unit_s, US)
+        unit_s, base = seconds_per_unit(features.device, *found), features.find(BASE)
+        high_s = max(found[1].high * unit_s, 0.0 if base is None else base.high * US)
+        return found[1].low * unit_s, high_s, min(unit_s, US)
     fixed_s = options.fixed_exposure_s or 0.01
     return fixed_s, fixed_s, fixed_s
 
@@ -103,7 +112,7 @@ def _exposure_limits(features: Features, options: GenicamOptions) -> tuple[float
 def _triggers(features: Features, options: GenicamOptions) -> frozenset[TriggerMode]:
     modes = {TriggerMode.FREE_RUN}
     selector = features.find("TriggerSelector")  # a camera with one trigger need not have it (Aravis, pull request 671)
-    if features.has("TriggerMode", "On") and (selector is None or options.trigger_selector in selector.symbols):
+    if features.has("TriggerMode", "On") and (selector is None or selected(features, options)):
         modes.add(TriggerMode.EDGE)
         if features.has("ExposureMode", "TriggerWidth"):
             modes.add(TriggerMode.LEVEL)
@@ -135,17 +144,26 @@ class GenicamSetup:
         self.settings: SensorSettings | None = None
         self._trigger = Trigger(device, features, options, incidents)
 
-    def apply(self, config: SensorConfig) -> SensorSettings:
-        """Apply the configuration; a setting that limits others is set before them.
+    def clear(self) -> Leftovers:
+        """Switch triggers off and reset what other programs left, which limits exposures and sizes, too.
 
         Raises:
-            DriverError: The camera refuses, has no such feature, or does not answer.
+            DriverError: The camera refuses, or does not answer.
         """
         self._trigger.stop_all()
         unit = self._options.gain_unit
         decibels = unit == "dB" if unit else None
         leftovers = Leftovers(self._device, self._features, self._options.features, self._incidents, decibels=decibels)
         leftovers.reset()
+        return leftovers
+
+    def apply(self, config: SensorConfig) -> SensorSettings:
+        """Apply the configuration; a setting that limits others is set before them.
+
+        Raises:
+            DriverError: The camera refuses, has no such feature, or does not answer.
+        """
+        leftovers = self.clear()
         self.form = self._set_format(config.fourcc)
         height, width = self._set_region(config)
         exposure_s = self._set_exposure(config)
@@ -164,7 +182,7 @@ class GenicamSetup:
             exposure_s=exposure_s,
             trigger=config.trigger,
             readout_s=readout_s,
-            exposure_offset_s=self._options.exposure_offset_s,
+            exposure_offset_s=self._exposure_offset_s(exposure_s),
             full_well_e=self._options.full_well_e,
             stride=0,
             buffers=config.buffers,
@@ -261,12 +279,22 @@ class GenicamSetup:
         return self._write_exposure(config.exposure_s)
 
     def _write_exposure(self, exposure_s: float) -> float:
-        """Set the nearest exposure that the camera takes now; return it."""
+        """Set the nearest exposure that the camera takes now, by its finest base; return it."""
+        base = self._features.find(BASE)
+        if base is not None:
+            self._features.write(BASE, float(min(max(ceil(exposure_s / US / MOST_BASES), base.low), base.high)))
         found = self._features.first(EXPOSURES)
         assert found is not None  # the caller has seen it
         name, limits = found
         unit_s = seconds_per_unit(self._device, name, limits)
         return float(self._features.write(name, min(max(exposure_s / unit_s, limits.low), limits.high))) * unit_s
+
+    def _exposure_offset_s(self, exposure_s: float) -> float:
+        """Return by how much an exposure is longer than set: as stated, or by what the camera tells of it."""
+        stated_s = self._options.exposure_offset_s
+        told = self._features.number(EFFECTIVE) if stated_s is None else None
+        timed = self._features.has("ExposureMode") and self._features.read("ExposureMode") == "Timed"
+        return told * US - exposure_s if told and timed else stated_s or 0.0
 
     def _set_gain(self, gain_db: float | None) -> None:
         if gain_db is None:

@@ -17,11 +17,20 @@ from gs2ci_drivers.sensor import TriggerMode
 START_DELAYS: Final = ("BslExposureStartDelay",)
 """Time from a trigger to its exposure with the present settings, in microseconds; line, debouncer and TriggerDelay come
 on top (docs.baslerweb.com/exposure-start-delay and /acquisition-timing-information)."""
+OTHERS: Final = ("ExposureStart", "FrameBurstStart")
+"""What else begins an exposure where there is no FrameStart: IDS' ("Then activate the ExposureStart trigger": IDS
+Vision cameras, Using a software trigger), and the only one of many Hikrobots, of bursts of one (aravis issues 589 and
+702)."""
 OTHER_EDGE: Final = {"RisingEdge": ("Falling", "Low"), "FallingEdge": ("Rising", "Raising", "High")}
 """What the names of debouncers contain that delay the other edge."""
 AS_WIRED: Final[dict[str, FeatureValue]] = {"LineMode": "Input", "LineInverter": False}
 """What the trigger's line has to be: an inverter lies before TriggerActivation (Teledyne Linea HS manual: "after any
 processing by the line inverter module"), so that rising edges would be falling ones, a pulse later."""
+
+
+def selected(features: Features, options: GenicamOptions) -> str:
+    """Return which entry of TriggerSelector begins an exposure; "" if there is none."""
+    return next((one for one in (options.trigger_selector, *OTHERS) if features.has("TriggerSelector", one)), "")
 
 
 class Trigger:
@@ -68,8 +77,8 @@ class Trigger:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
         features, options = self._features, self._options
-        if features.has("TriggerSelector", options.trigger_selector):
-            features.write("TriggerSelector", options.trigger_selector)
+        if selector := selected(features, options):
+            features.write("TriggerSelector", selector)
         features.write_if_there("TriggerMode", "Off")  # some cameras lock the rest while it is on
         self.delay_s = 0.0
         if mode is TriggerMode.FREE_RUN:

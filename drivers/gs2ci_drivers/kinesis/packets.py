@@ -70,9 +70,9 @@ class AptStatus(IntFlag):
     CONNECTED = 0x100
     HOMING = 0x200
     HOMED = 0x400
-    TRACKING = 0x1000
-    SETTLED = 0x2000
     MOTION_ERROR = 0x4000
+    INSTRUMENT_ERROR = 0x8000
+    INTERLOCK = 0x10000
     TOO_HOT = 0x20000
     SUPPLY_VOLTAGE = 0x40000
     COMMUTATION_ERROR = 0x80000
@@ -100,11 +100,17 @@ FAULTS: Final = {
     AptStatus.OVERCURRENT: "the motor's current was too high (0x04000000)",
     AptStatus.SUPPLY_CURRENT: "too much current is drawn from the supply (0x08000000)",
 }
-ENDED_BY: Final = FAULTS | dict.fromkeys(
-    (AptStatus.FORWARD_SOFT_LIMIT, AptStatus.REVERSE_SOFT_LIMIT),
-    "at a software limit, which another program has set (MGMSG_MOT_SET_LIMSWITCHPARAMS)",
-)
-"""What may have ended a move short of its target, faults or not."""
+ENDED_BY: Final = {
+    **FAULTS,
+    **dict.fromkeys(
+        (AptStatus.FORWARD_SOFT_LIMIT, AptStatus.REVERSE_SOFT_LIMIT),
+        "at a software limit, which another program has set (MGMSG_MOT_SET_LIMSWITCHPARAMS)",
+    ),
+    AptStatus.INSTRUMENT_ERROR: "instrument error: it could not carry a command out (0x8000)",
+    AptStatus.INTERLOCK: "the signal that enables the motor, or a position error by older firmware (0x10000)",
+}
+"""What may have ended a move short of its target, faults or not: of 0x10000 sources disagree (P_MOT_SB_INTERLOCK, "used
+in controllers where a separate signal is used to enable the motor", against the POSITION_ERR of older headers)."""
 PROFILED_STOP: Final = 2
 """MGMSG_MOT_MOVE_STOP, second parameter: 1 stops at once and may lose steps, 2 decelerates."""
 

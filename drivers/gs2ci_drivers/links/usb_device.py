@@ -7,7 +7,7 @@ import errno
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 import usb.core
 import usb.util
@@ -16,6 +16,12 @@ from gs2ci_drivers.failures import AccessError
 from gs2ci_drivers.ports import port_errors
 
 Find = Callable[..., Any]
+RELATIVES: Final = {
+    (0x0451, 0x6401): "DLPC350 (LightCrafter 4500)",
+    (0x0451, 0x7540): "DLPC6540",
+}
+"""Controllers that are taken for one with a driver (SivyerLab/pyCrafter4500 0d17dd6a, connect_usb; TI's DLP471TPEVM by
+those who use one): the first takes patterns by video or from its flash only (its set_pattern_input_source)."""
 
 
 def udev_rules(vendor_id: int, product_id: int) -> str:
@@ -154,14 +160,12 @@ def _find_one(device: str, vendor_id: int, product_id: int, bus_port: str, find:
     if bus_port:
         found = [places[bus_port]] if bus_port in places else []
     if not found:
-        where = f" at {bus_port}" if bus_port else ""
-        raise AccessError(
-            device,
-            f"no {name}{where}",
-            asked="open",
-            allowed=", ".join(sorted(places)),
-            remedy="check power and cable; `lsusb` must list it",
-        )
+        where, remedy = f" at {bus_port}" if bus_port else "", "check power and cable; `lsusb` must list it"
+        for (vendor, product), relative in RELATIVES.items():
+            if vendor == vendor_id and not places and list(find(find_all=True, idVendor=vendor, idProduct=product)):
+                where = f", but a {relative}, which takes no patterns by USB here"
+                remedy = 'connect it as a second display and set kind = "video" in [modulator] (docs/bench.md)'
+        raise AccessError(device, f"no {name}{where}", asked="open", allowed=", ".join(sorted(places)), remedy=remedy)
     if len(found) > 1:
         raise AccessError(
             device,

@@ -26,7 +26,7 @@ VERSION: Final = 1
 TAGS: Final = 1000
 
 _REPLY: Final = re.compile(rb"@(\d{1,3}) ([\x20-\x29\x2b-\x7e]*)\*([0-9A-F]{2})\Z")
-_ERROR: Final = re.compile(r'(-?\d{1,5}),"([^"]*)"\Z')
+_ERROR: Final = re.compile(r'([+-]?\d{1,5}),"([^"]*)"\Z')
 
 
 class MalformedScpiReplyError(DeviceError):
@@ -113,7 +113,7 @@ def parse_integers(body: str, count: int | None = None) -> tuple[int, ...]:
         MalformedReplyError: Something else, or not `count` of them.
     """
     fields = body.split(",")
-    if not all(re.fullmatch(r"-?\d{1,12}", field) for field in fields) or count not in (None, len(fields)):
+    if not all(re.fullmatch(r"[+-]?\d{1,12}", field) for field in fields) or count not in (None, len(fields)):
         raise MalformedScpiReplyError(f"numbers {body!r}", allowed=f"{count or 'some'} whole numbers, comma-separated")
     return tuple(int(field) for field in fields)
 

@@ -27,6 +27,8 @@ from gs2ci_drivers.v4l2 import abi
 
 S = TypeVar("S", bound=ctypes.Structure)
 
+LARGEST_PX: Final = 16384
+"""A side that no sensor has: the driver answers with its largest."""
 _GONE: Final = {errno.ENODEV, errno.ENXIO, errno.ESHUTDOWN}
 _ACCESS: Final = {
     errno.EACCES: "no permission, or the value is read-only",
@@ -319,6 +321,13 @@ class VideoNode:
                 remedy="choose a pixel format with the sensor's own bit depth and mosaic",
             )
         return fmt.format.code, fmt.format.width, fmt.format.height
+
+    def largest_px(self) -> tuple[int, int]:
+        """Return the largest width and height that a sub-device's own node has, tried only."""
+        fmt, raw = allocate(abi.SubdevFormat)
+        fmt.format.width = fmt.format.height = LARGEST_PX
+        self.call(abi.SUBDEV_S_FMT, raw, "VIDIOC_SUBDEV_S_FMT (try)")
+        return fmt.format.width, fmt.format.height
 
     def get_region(self, target: abi.SelectionTarget) -> Region | None:
         """Return a region of the pixel array; None if the driver has none."""

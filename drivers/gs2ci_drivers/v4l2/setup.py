@@ -17,7 +17,7 @@ from gs2ci_drivers.v4l2 import abi, leftovers
 from gs2ci_drivers.v4l2.controls import Applied, Control, ControlTable
 from gs2ci_drivers.v4l2.exposure import ExposureControl, counts_microseconds, line_time_s
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment, FrameGeometry, PixelFormat, bus_bits
-from gs2ci_drivers.v4l2.node import Identity, NodeFormat, Region, VideoNode
+from gs2ci_drivers.v4l2.node import LARGEST_PX, Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.rows import ROLLS, rolls
 from gs2ci_drivers.v4l2.trigger import trigger_adapter
@@ -27,7 +27,6 @@ REGION_STEP_PX: Final = 4
 RAISES: Final = frozenset({"rp1-cfe"})
 """Kernel drivers that put what a sensor sends into the upper bits of 16 (Raspberry Pi 5: "zero padding at the least
 significant end", documentation of rpicam-apps, Unpacked format details); on a Pi 4 it is in the lower ones."""
-LARGEST_PX: Final = 16384
 """Requested if the largest frame is wanted: every driver reduces it to its own largest."""
 
 
@@ -101,8 +100,10 @@ class OpenCamera:
             DriverError: It does not answer.
         """
         offered = self.node.formats()
+        # A capture node beside a sensor's own may accept any size: rp1-cfe (cfe_enum_framesizes).
+        largest = (LARGEST_PX, LARGEST_PX) if self._subdevice is None else self._subdevice.largest_px()
         formats = tuple(
-            self._frame_format(PIXEL_FORMATS[code], self.node.try_format(code, LARGEST_PX, LARGEST_PX))
+            self._frame_format(PIXEL_FORMATS[code], self.node.try_format(code, *largest))
             for code in offered
             if code in PIXEL_FORMATS
         )

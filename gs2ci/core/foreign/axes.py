@@ -16,10 +16,12 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.colours import COLOURS
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.options import ImportOptions, Layout, MaskAxis
+from gs2ci.core.foreign.pattern import fine_of
 
 # H, W: pixels; C: 1 or 3 colours; K: measurements; N: masks; T: true frames (K times N).
 _MEASUREMENT_ORDERS: Final = ("HW", "HWC", "CHW", "HWK", "KHW", "KHWC", "HWCK", "HWKC", "KCHW")
 _MASK_ORDERS: Final = ("HW", "NHW", "HWN")
+_OWN_ORDERS: Final = ("KNHW", "HWNK", "NKHW", "HWKN")
 _TRUTH_ORDERS: Final = ("THW", "HWT", "THWC", "HWCT", "TCHW", "CTHW", "HWC", "HW", "KNHW", "HWNK", "KNHWC")
 
 
@@ -139,19 +141,34 @@ def _without_ones(given: Array) -> Array:
 def own_masks(measurement: Array, masks: Array) -> list[tuple[Array, Array]] | None:
     """Return each exposure with its masks, if a file holds masks of their own for several exposures.
 
-    Read are measurements [K, H, W] or [K, H, W, C] with masks [K, N, H, W], and [H, W, K] with [H, W, N, K].
+    Exposures are counted first or last in both; where masks could be, too, the first exposure shows which are its own.
     """
-    meas, stack = measurement.values, _without_ones(masks).values
-    if stack.ndim != 4 or meas.ndim not in (3, 4):
+    stored, stack = measurement.values, _without_ones(masks).values
+    most = max((m.size[0] * m.size[1] for m in _readings(stored.shape, _MEASUREMENT_ORDERS)), default=0)
+    pairs = [
+        (_in_order(stored, m, "KHWC"), _in_order(stack, k, "KNHW"), k.order)
+        for m in _readings(stored.shape, _MEASUREMENT_ORDERS)
+        for k in _readings(stack.shape, _OWN_ORDERS)
+        if m.size == k.size
+        and m.size[0] * m.size[1] == most
+        and m.of("K") == k.of("K") > 1
+        and m.order.startswith("HW") == k.order.startswith("HW")
+    ]
+    if not pairs:
         return None
-    if meas.ndim == 3 and stack.shape[3] == meas.shape[2] > 1 and stack.shape[:2] == meas.shape[:2]:
-        meas, stack = np.moveaxis(meas, 2, 0), np.moveaxis(stack, (3, 2), (0, 1))
-    if not (len(stack) == len(meas) > 1 and stack.shape[2:] == meas.shape[1:3]):
-        return None
-    # Masks that only repeat themselves are the same for all.
-    if all(np.array_equal(stack[0], other) for other in stack[1:]):
-        return [(Array(measurement.where, one), Array(masks.where, stack[0])) for one in meas]
-    return [(Array(measurement.where, one), Array(masks.where, own)) for one, own in zip(meas, stack, strict=True)]
+    meas, own, order = max(pairs, key=lambda pair: _likeness(*pair[:2])) if len(pairs) > 1 else pairs[0]
+    # Masks that only repeat themselves are the same for all: exposures, or colours.
+    if all(np.array_equal(own[0], other) for other in own[1:]):
+        if len(own) == COLOURS and order not in _OWN_ORDERS[:2]:
+            return None
+        own = np.broadcast_to(own[0], own.shape)
+    return [(Array(measurement.where, one), Array(masks.where, part)) for one, part in zip(meas, own, strict=True)]
+
+
+def _likeness(measurements: NDArray[Any], masks: NDArray[Any]) -> float:
+    """Correlate the fine pattern of the first measurement, [K, H, W, C], with that of its masks' sum, [K, N, H, W]."""
+    seen, opened = measurements[0].mean(axis=2, dtype=np.float64), masks[0].sum(axis=0, dtype=np.float64)
+    return float(np.corrcoef(fine_of(seen).ravel(), fine_of(opened).ravel())[0, 1])
 
 
 def arrange_truth(truth: Array, measurements: int, views: int, size: tuple[int, int]) -> NDArray[Any]:

@@ -6,10 +6,9 @@ camera-to-world, OpenCV axes; trajectories of TUM and KITTI. Pixel centres lie a
 (W/2, H/2).
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
@@ -18,7 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array, damage_as_input_error
 from gs2ci.core.foreign.pixels import LARGEST
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import check_intrinsics, check_rigid
+from gs2ci.core.records import are_rigid, check_intrinsics, check_rigid
 
 FEWEST_COEFFICIENTS: Final = 4
 """OpenCV's smallest model."""
@@ -140,17 +139,20 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
     values = np.asarray(given.values, np.float64)
     if values.ndim == 2 and len(values) == count and values.shape[1] in TRAJECTORIES:
         return trajectory(given.where, values, guesses)
-    values = _count_first(values, count, given)
-    if values.shape[1:] == (3, 4):
-        last = np.broadcast_to(np.array([0, 0, 0, 1.0]), (count, 1, 4))
-        values = np.concatenate([values, last], axis=1)
     if not (np.abs(values) <= LARGEST).all():
         raise InputError(
             f"{given.where}: poses hold NaN, infinity or numbers that are far too large",
             remedy="mend them, or leave the poses out",
         )
-    if np.allclose(values[:, :3, 3], 0) and not np.allclose(values[:, 3, :3], 0):
-        values = values.transpose(0, 2, 1)
+    ways = [(way, turned) for way, turned in pose_stacks(values) if len(way) == count]
+    if not ways:
+        raise InputError(
+            f"{given.where}: poses of shape {list(values.shape)} for {count} views",
+            allowed=f"[{count}, 4, 4]",
+            remedy="give one pose for each mask, in the order of exposure, or leave the poses out",
+        )
+    values, turned = ways[0]
+    if turned:
         guesses.append(f"{given.where}: pose matrices were transposed")
     try:
         check_rigid("poses", values)
@@ -163,17 +165,19 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
     return np.ascontiguousarray(values)
 
 
-def _count_first(values: NDArray[Any], count: int, given: Array) -> F64:
-    candidates = [values, np.moveaxis(values, -1, 0)] if values.ndim == 3 else [values]
-    fitting = [c for c in candidates if c.shape in ((count, 4, 4), (count, 3, 4))]
-    if fitting:
-        # Four poses of 4 x 4: the right counting axis shows by the last rows 0 0 0 1.
-        rigid = [c for c in fitting if np.allclose(c[:, 3:], (0, 0, 0, 1))]
-        return (rigid or fitting)[0]
-    if count == 1 and values.shape in ((4, 4), (3, 4)):
-        return values[None]
-    raise InputError(
-        f"{given.where}: poses of shape {list(values.shape)} for {count} views",
-        allowed=f"[{count}, 4, 4]",
-        remedy="give one pose for each mask, in the order of exposure, or leave the poses out",
-    )
+def pose_stacks(values: F64) -> list[tuple[F64, bool]]:
+    """Return every way to read numbers as poses, [R, 4, 4], rigid motions first, and whether it turns the matrices.
+
+    Read are [R, 4, 4], [R, 3, 4], both with the counting axis last, [R, 16], and one pose, by rows or by columns.
+    """
+    if values.ndim == 2 and values.shape[1] == 16:
+        values = values.reshape(-1, 4, 4)
+    found = (values, np.moveaxis(values, -1, 0)) if values.ndim == 3 else (values[None],)
+    last = np.array([0, 0, 0, 1.0])
+    whole = [
+        np.concatenate([one, np.broadcast_to(last, (len(one), 1, 4))], axis=1) if one.shape[1] == 3 else one
+        for one in found
+        if one.shape[1:] in ((4, 4), (3, 4))
+    ]
+    ways = [(way, turned) for one in whole for way, turned in ((one, False), (one.transpose(0, 2, 1), True))]
+    return sorted(ways, key=lambda way: not are_rigid(way[0]))

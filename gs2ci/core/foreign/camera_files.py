@@ -101,8 +101,8 @@ def read_calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
         found = _colmap(path, size)
     elif not path.is_file():
         raise InputError(f"no camera file {path}", allowed=_ALLOWED)
-    elif path.suffix.lower() in _CALIBRATIONS:
-        found = _opencv(path, size)
+    elif path.suffix.lower() in _CALIBRATIONS or b'"frames"' not in path.read_bytes():
+        found = _calibration(path, size)
     else:
         found = _transforms(path, size)
     return found
@@ -147,39 +147,52 @@ def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
     )
 
 
-def _opencv(path: Path, size: tuple[int, int] | None) -> CameraFile:
+def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     """Read a matrix, the coefficients and the size of the pictures, under whatever names programs give them."""
     # A bench reads its patterns from arrays, without OpenCV.
     import cv2  # noqa: PLC0415
 
     numbers: dict[str, F64] = {}
-    with damage_as_input_error(str(path)):
-        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        root = file.root()
-        for name in root.keys():  # noqa: SIM118 - a node is no dictionary
-            node = root.getNode(name)
-            data = node.getNode("data") if node.isMap() else node
-            items = [data.at(index) for index in range(data.size())] if data.isSeq() else [data]
-            if all(item.isReal() or item.isInt() for item in items):
-                numbers[name] = np.array([item.real() for item in items])
-        model = root.getNode("distortion_model").string()
-    matrices = {name: found for name, found in numbers.items() if len(found) == 9 and (found[6:] == (0, 0, 1)).all()}
-    turned = [name for name in matrices if _is_rotation(matrices[name])]
-    matrices = {name: found for name, found in matrices.items() if name not in turned}
+    models: list[str] = []
+
+    def collect(name: str, node: Any) -> None:
+        named = {key: node.getNode(key) for key in node.keys()} if node.isMap() else {}  # noqa: SIM118 - no dictionary
+        if node.isString() and name == "distortion_model":
+            models.append(node.string())
+        for key, part in named.items():
+            collect(name if key == "data" else key, part)
+        items = flat(node) if not named else []
+        if items and all(item.isReal() or item.isInt() for item in items):
+            numbers[name] = np.array([item.real() for item in items])
+
+    def flat(node: Any) -> list[Any]:
+        return [one for k in range(node.size()) for one in flat(node.at(k))] if node.isSeq() else [node]
+
+    with damage_as_input_error(f"{path} is not a transforms.json, nor a calibration as OpenCV writes it"):
+        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # its nodes die with it
+        collect("", file.root())
+    # Kalibr and EuRoC write fx fy cx cy.
+    if len(four := numbers.get("intrinsics", np.empty(0))) == 4:
+        numbers["intrinsics"] = np.array([four[0], 0, four[2], 0, four[1], four[3], 0, 0, 1])
+    matrices = {name: n for name, n in numbers.items() if len(n) == 9 and (n[6:] == (0, 0, 1)).all()}
+    matrices = {name: n for name, n in matrices.items() if not _is_rotation(n)}
     if len(matrices) != 1:
         raise InputError(
             f"{path} holds {len(matrices)} camera matrices{': ' * bool(matrices)}{', '.join(matrices)}",
-            allowed="a calibration of one camera, as OpenCV and ROS write it",
+            allowed="a calibration of one camera, as OpenCV, ROS and Kalibr write it",
             remedy="give the matrix as --intrinsics fx fy cx cy, and the lens as --distortion",
         )
-    if model:
-        _require_model(path, model, ("plumb_bob", "rational_polynomial"))
+    for model in models:
+        _require_model(path, model, ("plumb_bob", "rational_polynomial", "radtan", "radial-tangential"))
     ((_, matrix),) = matrices.items()
-    lenses = [found for name, found in numbers.items() if "dist" in name.lower() and len(found) >= FEWEST_COEFFICIENTS]
+    lenses = [
+        n for name, n in numbers.items() if ("dist" in name.lower() or name in "dD") and len(n) >= FEWEST_COEFFICIENTS
+    ]
     lens = lenses[0] if lenses else np.zeros(len(COEFFICIENTS))
-    have = None
-    if {"image_width", "image_height"} <= set(numbers):
-        have = int(numbers["image_height"][0]), int(numbers["image_width"][0])
+    sides = [numbers.get(f"image_{side}", numbers.get(side)) for side in ("height", "width")]
+    if "resolution" in numbers:
+        sides = list(numbers["resolution"][::-1, None])
+    have = None if sides[0] is None or sides[1] is None else (int(sides[0][0]), int(sides[1][0]))
     # In OpenCV pixel centres lie at whole numbers.
     centred = matrix.reshape(3, 3) + _HALF_A_PIXEL
     return CameraFile(np.empty((0, 4, 4)), _scaled(centred, have, size, path), lens, np.empty((0, 3)), ())

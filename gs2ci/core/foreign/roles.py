@@ -61,10 +61,18 @@ def key_of(container: Container, role: Role, said: str | None, guesses: list[str
         return _key_said(container, said)
     by_name = names_of(container)
     found = [by_name[alias] for alias in ALIASES[role] if alias in by_name]
+    if role in ("measurement", "masks"):
+        # The coordinates of a picture are often called y, and its defects mask.
+        found.sort(key=lambda key: -min(_sides(container, key), 2 if role == "measurement" else 3))
     if len(found) > 1:
         flag = f"; choose with {_FLAGS[role]}" if role in _FLAGS else ""
         guesses.append(f"{role}: key {found[0]!r}, not {', '.join(map(repr, found[1:]))}{flag}")
     return found[0] if found else None
+
+
+def _sides(container: Container, key: str) -> int:
+    """Count the axes of an array that are longer than 1: 2 or more of a picture, 3 of a stack."""
+    return sum(side > 1 for side in container.entries[key].shape)
 
 
 def _key_said(container: Container, said: str) -> str:
@@ -105,7 +113,7 @@ def require_key(
         InputError: No key fits.
     """
     key = key_of(container, role, said, guesses)
-    if key is not None:
+    if key is not None and (said is not None or _sides(container, key) >= 2):
         return key
     if taken == "":
         raise InputError(
@@ -115,14 +123,14 @@ def require_key(
     known = {alias for aliases in ALIASES.values() for alias in aliases}
     entries = container.entries
     free = [
-        key
-        for key, entry in entries.items()
-        if len(entry.shape) >= 2 and entry.kind == "number" and key != taken and key.lower() not in known
+        one
+        for one, entry in entries.items()
+        if len(entry.shape) >= 2 and entry.kind == "number" and one != taken and one.lower() not in known
     ]
     # MATLAB's scalars and lists have two axes as well.
-    free = [key for key in free if sum(side > 1 for side in entries[key].shape) >= 2] or free
+    free = [one for one in free if _sides(container, one) >= 2] or free
     if said is None and len(free) == 2 and (stack := _stack_of(container, free)) is not None:
-        chosen = next(key for key in free if (key == stack) == (role == "masks"))
+        chosen = next(one for one in free if (one == stack) == (role == "masks"))
         guesses.append(
             f"{role}: key {chosen!r}, of two arrays without known names the one with an axis "
             f"{'more' if chosen == stack else 'less'}; choose with {_FLAGS[role]}"
@@ -132,6 +140,8 @@ def require_key(
         if free[0]:
             guesses.append(f"{role}: key {free[0]!r}, the only array without a known name")
         return free[0]
+    if key is not None:
+        return key
     if not any(entry.kind == "number" for entry in entries.values()) and entries:
         container.load(next(iter(entries)))  # says what it holds instead, and the way out
     raise InputError(

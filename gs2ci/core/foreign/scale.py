@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
@@ -38,6 +39,10 @@ MASK_OVERSHOOT: Final = 1.05
 # A mask that lets more than this through everywhere is closed nowhere.
 OPEN: Final = 0.5
 _MISPLACED: Final = 6.0
+# All but so many of the values are no defects of single pixels; what stands out from them by this factor is one, and so
+# is a reading that exceeds by it what lies two pixels away, in the same colour of a mosaic, along a row or a column.
+_SOUND: Final = 0.999
+_STANDS_OUT: Final = 1.5
 # Lamps and glints are a smaller share of true views than the rest of this.
 _ALL_BUT_LAMPS: Final = 0.98
 
@@ -69,7 +74,7 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
         guesses: Sentences are added here.
 
     Raises:
-        InputError: NaN, negative or zero everywhere, or above the reading that the user gave.
+        InputError: NaN, negative beyond noise or zero everywhere, or above the reading that the user gave.
     """
     values = stack.astype(np.float64)
     bad = int((~(np.abs(values) <= LARGEST)).sum())
@@ -79,14 +84,14 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
             allowed="transmissions, >= 0",
             remedy="set dead mask pixels to 0 (never open) and mend the same pixels of the measurement",
         )
-    low, high = float(values.min()), float(values.max())
-    if low < 0:
+    high, below = _sound_top(values), int((values < 0).sum())
+    if float(np.quantile(values, 1 - _SOUND)) < (1 - MASK_OVERSHOOT) * high:
         raise InputError(
-            f"{masks.where}: masks are negative at {int((values < 0).sum())} places, down to {low:.4g}",
-            allowed="transmissions, >= 0",
-            remedy="save the masks themselves, not codes of -1 and 1 or differences; clip calibration noise at 0",
+            f"{masks.where}: masks are negative at {below} places, down to {values.min():.4g}",
+            allowed="transmissions, >= 0 apart from noise",
+            remedy="save the masks themselves, not codes of -1 and 1 or differences",
         )
-    if high == 0:
+    if high <= 0:
         raise InputError(
             f"{masks.where}: all masks are zero", remedy="check that the masks were shown, exposed and saved"
         )
@@ -97,8 +102,22 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
             remedy="give that reading, or leave --mask-scale out",
         )
     full = said if said is not None else (1.0 if high <= MASK_OVERSHOOT else high)
-    guesses.extend(_mask_sentences(values, full, said is None))
-    return np.minimum(values / full, 1.0).astype(np.float32)
+    if below:
+        guesses.append(
+            f"masks: {below} values below 0, down to {values.min():.4g}, as noise leaves them, were set to 0"
+        )
+    transmissions: F32 = np.clip(values / full, 0, 1).astype(np.float32)
+    guesses.extend(_mask_sentences(np.maximum(values, 0), full, said is None))
+    return transmissions
+
+
+def _sound_top(values: F64) -> float:
+    """Return the largest value of masks, [N, H, W], but of pixels hot in all of them, or divided by nothing."""
+    top = values.max(axis=0)
+    closes = values.min(axis=0) <= OPEN * top
+    rest = top[closes] if closes.any() else top
+    limit = _STANDS_OUT * float(np.quantile(rest, _SOUND))
+    return float(top.max()) if limit <= 0 or top.max() <= limit else float(rest[rest <= limit].max())
 
 
 def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
@@ -110,7 +129,8 @@ def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
     ]
     over = int((values > full).sum())
     if over:
-        sentences.append(f"masks: {over} values a little above fully open were set to 1")
+        hot = "WARNING: hot or dead pixels? " if values.max() > _STANDS_OUT * full else ""
+        sentences.append(f"{hot}masks: {over} values above fully open, up to {values.max():.6g}, were set to 1")
     dark = [i for i, mask in enumerate(values) if not mask.any()]
     if dark:
         sentences.append(f"WARNING: masks {dark} never open: their views cannot be recovered")
@@ -236,7 +256,12 @@ def _per_exposure(ratio: float, high: float, multiplicity: F64, views: int) -> S
 
 
 def brightest_ratio(values: F64, multiplicity: F64) -> float:
-    """Get the reading per open mask that all but a thousandth of the well covered pixels, [H, W], stay below."""
+    """Get the reading per open mask that all but a thousandth of the well covered, sound pixels, [H, W], stay below."""
     covered = multiplicity >= 0.5 * np.median(multiplicity[multiplicity > 0])
-    per_mask = values[:, covered, :] / multiplicity[covered][:, None]
-    return float(np.quantile(per_mask, 0.999))
+    per_mask = np.where(covered[:, :, None], values / np.where(covered, multiplicity, 1.0)[:, :, None], 0.0)
+    beside = [
+        ndimage.maximum_filter(per_mask, footprint=np.array([1, 0, 0, 0, 1]).reshape(side), mode="mirror")
+        for side in ((1, 5, 1, 1), (1, 1, 5, 1))
+    ]
+    sound = covered[:, :, None] & (per_mask <= _STANDS_OUT * np.minimum(*beside))
+    return float(np.quantile(per_mask[sound if sound.any() else np.full(sound.shape, True)], _SOUND))

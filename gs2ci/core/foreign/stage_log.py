@@ -15,7 +15,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import rigid
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.camera import TRAJECTORIES, trajectory
+from gs2ci.core.foreign.camera import TRAJECTORIES, pose_stacks, trajectory
 from gs2ci.core.foreign.camera_files import is_camera_file, read_poses
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.opening import load_single
@@ -27,13 +27,14 @@ USUAL_WAYS: Final[tuple[Way, Way, Way]] = ("right", "down", "ahead")
 _ENDINGS: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
 _MM: Final = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
 _AXES: Final = "xyz"
-_POSITIONS: Final = ("position", "pos", "stage")
+# What may stand beside the axis and the unit in the name of a column: stage_x_mm, PosX (mm), X Position [mm].
+_POSITIONS: Final = {"position", "pos", "stage", "axis", "actual"}
 # Columns that turn the camera; a log that has them is not read without them.
 _TURNS: Final = re.compile(r"(yaw|pitch|roll|tilt|angle|theta|phi|rot|quat|q[wxyz]|r[xyz])", re.IGNORECASE)
 # The columns of a trajectory in TUM's order, and how others name them: tx, pos_x, quat_x, p_RS_R_x [m], q_RS_w [].
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _IN_POSE: Final = re.compile(r"(?:(q)(?:uat[a-z]*)?|t|p|pos|position|)(?:_(?:\w+_)?)?([wxyz])\s*(?:\[.*\])?")
-_NAMED: Final = re.compile(r"([a-zA-Z]+)(?:[ _]*[\[(/_ ]\s*([a-zA-Zµμ]+)\s*[\])]?)?")
+_WORD: Final = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
 _HOW: Final = "one row for each mask, in the order of exposure, under a first row of names: x_mm, y_mm, z_mm"
 
 
@@ -42,8 +43,7 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
 
     Args:
         path: A CSV file (comma, semicolon, tab or blanks; its columns named, or one or three without names), or a file
-            with one array: positions [R], [R, 1] or [R, 3], or poses [R, 4, 4] or [R, 3, 4], which are taken as they
-            are.
+            with one array: positions [R], [R, 1] or [R, 3], or poses (`pose_stacks`), which are taken as they are.
         ways: Which way the camera goes as x, y and z of the log grow, of `Way`.
         guesses: Sentences are added here.
 
@@ -52,7 +52,7 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
             are not three at right angles.
     """
     axes = _axes(ways)
-    if path.suffix.lower() in _ENDINGS:
+    if path.suffix.lower() in _ENDINGS and not is_camera_file(path):
         read = table(path, _HOW)
         poses = _turning(path, read, guesses)
         places = _positions(path, read, guesses) if poses is None else np.empty((0, 3))
@@ -61,8 +61,10 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
         if is_camera_file(path):
             guesses.append(f"{path.name}: poses of the stage, in the order of the numbers in the pictures' names")
         values = np.asarray(given.values, np.float64)
-        poses = given if values.ndim == 3 else None
+        matrices = pose_stacks(values)
+        poses = Array(given.where, matrices[0][0]) if matrices and len(matrices[0][0]) > 1 else None
         places = values.reshape(-1, 1) if values.ndim == 1 else values
+        places = places.T if len(places) == len(_AXES) and places.shape[1] not in (1, len(_AXES)) else places
     if poses is not None:
         if tuple(ways) != USUAL_WAYS:
             raise InputError(f"--stage-axes with {path}, which holds poses", remedy="leave --stage-axes out")
@@ -73,7 +75,11 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
 def _straight(path: Path, places: F64, ways: Sequence[str], axes: F64, guesses: list[str]) -> Array:
     """Return the poses of a camera that does not turn."""
     if places.ndim != 2 or places.shape[1] not in (1, 3):
-        raise InputError(f"{path}: an array of shape {list(places.shape)}", allowed="[N, 3], [N] or [N, 4, 4]")
+        raise InputError(
+            f"{path}: an array of shape {list(places.shape)}",
+            allowed="positions [N, 3] or [N], world-to-camera poses [N, 4, 4]",
+            remedy="make matrices of quaternions or angles, or a text of TUM's form (time, place, quaternion)",
+        )
     if not np.isfinite(places).all():
         row = int(np.flatnonzero(~np.isfinite(places).all(axis=1))[0])
         raise InputError(
@@ -130,10 +136,11 @@ def _by_name(path: Path, names: Sequence[str], columns: F64, guesses: list[str])
     found: dict[int, F64] = {}
     unused = []
     for name, column in zip(names, columns.T, strict=True):
-        match = _NAMED.fullmatch(name.strip())
-        word, unit = (match[1].lower(), (match[2] or "").lower()) if match else ("", "")
-        axis = 0 if word in _POSITIONS else _AXES.find(word) if len(word) == 1 else -1
-        if axis >= 0 and (not unit or unit in _MM):
+        words = [word.lower() for word in _WORD.findall(name)]
+        unit = words.pop() if words and words[-1] in _MM else ""
+        letters = [word for word in words if word not in _POSITIONS]
+        axis = 0 if words and not letters else _AXES.find(letters[0]) if list(map(len, letters)) == [1] else -1
+        if axis >= 0:
             if axis in found:
                 raise InputError(f"{path}: two columns for {_AXES[axis]}", allowed=_HOW)
             found[axis] = column * _MM.get(unit, 1.0)

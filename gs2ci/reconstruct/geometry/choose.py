@@ -3,8 +3,8 @@
 Here: the names, and `auto`. Not here: the sources themselves.
 
 Where tracks show no path, or a doubtful one, the motion that explains displacements of blocks of the measurement takes
-their place, if it is expected to err less (docs/decisions/small-motions.md). `auto` uses every source available for
-this shot on this machine: the stage if it reported poses, the tracks, VGGT if the user has added it. The measurement
+their place, if it is expected to err less (docs/decisions/sources-of-geometry.md). `auto` uses every source that this
+shot has on this machine: the stage if it reported poses, the tracks, VGGT if the user has added it. The measurement
 chooses (`evidence`) among those that the tracks do not contradict: a source is replaced by a later one only if the
 later one's residual is clearly smaller. A stage's poses that tracks bear out stand, and no other source is asked. The
 stage comes first, since blur and noise of the picture do not affect it, and since it distinguishes a shift from a pan;

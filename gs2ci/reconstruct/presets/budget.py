@@ -37,7 +37,7 @@ class Rung:
 
 
 # Costliest first. In the time of fewer than 180 iterations of `standard`, `draft` makes 1.7 times as many and ends up
-# to 2 dB better (docs/decisions/time-budget.md). `paper` is not among them: it reproduces the paper, and holds out no
+# to 2 dB better (docs/decisions/schedule.md). `paper` is not among them: it reproduces the paper, and holds out no
 # pixels by which to judge it.
 LADDER: Final = (Rung("standard", 180, 800), Rung("draft", 20, 600))
 # A budget is kept to a tenth; this share is reserved for steps that were not timed.

@@ -168,7 +168,7 @@ def _softened(one: F64, place: Placement) -> "tuple[_Softening, Levels]":
     levels = Levels.of(one, softened, seen)
     for _ in range(_ROUNDS if levels.differ else 0):
         share = levels.removed_from(levels.uncut(one, softened))
-        softening = _Softening.of(share, softening.placement)
+        softening = softening.again(share)
         softened, seen = softening.redone(softening.undone(share)), softening.seen(one)
         levels = Levels.of(levels.uncut(one, softened), softened, seen)
         if not levels.cut:
@@ -208,15 +208,28 @@ class _Softening:
 
     @classmethod
     def _blur_of(cls, sample: F64) -> "_Softening":
-        def best(tried: list[_Softening], steps: int) -> _Softening:
-            return min(tried, key=lambda one: one.left(sample, one.redone(one.undone(sample, steps))))
+        every = (cls(sigma_px=float(s), lost=lost) for lost, most in _LOST for s in _SIGMAS_PX if s <= most)
+        return min(every, key=lambda one: one._left_after(sample, 0))._narrowed(sample, _SIGMA_STEP / 2)
 
-        found = best([cls(sigma_px=float(s), lost=lost) for lost, most in _LOST for s in _SIGMAS_PX if s <= most], 0)
-        step = _SIGMA_STEP / 2
+    def again(self, sample: F64) -> "_Softening":
+        """Return a softening of the same kind that explains one mask, [1, H, W], best, near this one."""
+        if self.placement.is_identity:
+            return self._narrowed(sample, _SIGMA_STEP / 4)
+        return self._fitted(sample, self.undone(sample, _STEPS_OF_A_TRY))
+
+    def _narrowed(self, sample: F64, step: float) -> "_Softening":
+        """Return the blur about this one that explains one mask best, by relative steps that are halved."""
+        found, least = self, self._left_after(sample, _STEPS_OF_A_TRY)
         while step * found.sigma_px > _FINEST_PX:
-            around = [replace(found, sigma_px=found.sigma_px * (1 + a * step)) for a in (-1, 0, 1)]
-            found, step = best(around, _STEPS_OF_A_TRY), step / 2
+            for tried in [replace(found, sigma_px=found.sigma_px * (1 + by)) for by in (-step, step)]:
+                left = tried._left_after(sample, _STEPS_OF_A_TRY)
+                if left < least:
+                    found, least = tried, left
+            step /= 2
         return found
+
+    def _left_after(self, sample: F64, steps: int) -> float:
+        return self.left(sample, self.redone(self.undone(sample, steps)))
 
     def _fitted(self, sample: F64, elements: F64) -> "_Softening":
         """Return the affine placement and the blur under which elements give a mask, both [1, H, W], best."""
@@ -260,7 +273,8 @@ class _Softening:
 
     def seen(self, masks: F64) -> Bool:
         """Return the pixels of masks, [N, H, W], that are interpolated from elements within the picture, [H, W]."""
-        return self._back.known(masks.shape[1:], 0.0)
+        size = masks.shape[1:]
+        return np.ones(size, bool) if self.placement.is_identity else self._back.known(size, 0.0)
 
     def left(self, stated: F64, given: F64) -> float:
         """Return the unexplained share of the variance of stated masks, [N, H, W], whatever open and closed pass."""

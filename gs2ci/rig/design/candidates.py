@@ -267,7 +267,7 @@ class Asked:
             self._rig.table = self._table.model_copy(update={"capture": capture.model_copy(update={"element": 1})})
             _, settings, config = intended(self._rig, devices)
             needed_s = sensor_exposure_s(settings.rounded_for(devices.modulator.connect()))
-            info = devices.sensor.connect()
+            info = devices.sensor.prepare()
             exposure_s = min(max(needed_s, info.min_exposure_s), info.max_exposure_s)
             setup = devices.sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.trigger_mode))
             self._drawn[candidate.density] = settings, setup

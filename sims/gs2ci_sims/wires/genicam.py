@@ -48,6 +48,8 @@ class GenicamModel(ShutterModel):
         height: Rows of the pixel array.
         width: Columns.
         formats: Pixel formats by their PFNC names; the first is the default.
+        frame_trigger: The camera's name for the trigger of a frame, if another its only one: ExposureStart (IDS),
+            FrameBurstStart (Hikrobot).
         trigger_input: The camera's name for the input that `trigger_line` is wired to.
         stamps: The event that a time stamp marks.
         clock_epoch_s: Time on its clock when the world's clock is at 0.
@@ -58,6 +60,7 @@ class GenicamModel(ShutterModel):
     height: int = 64
     width: int = 96
     formats: tuple[str, ...] = ("Mono12", "Mono8", "Mono10", "Mono12p", "Mono10p", "Mono12Packed", "BayerRG12")
+    frame_trigger: str = FRAME
     trigger_input: str = "Line1"
     stamps: Stamps = "start-of-exposure"
     clock_epoch_s: float = 4242.0
@@ -230,10 +233,10 @@ class GenicamTwin:
         self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take("genicam.never_ready") is not None
-        others = [name for name in TRIGGERS if name != FRAME] if "TriggerSelector" in self.nodes else []
+        others = {*TRIGGERS} - {self.model.frame_trigger} if "TriggerSelector" in self.nodes else set()
         if any(self.nodes.of("TriggerMode", other) == "On" for other in others):
             return buffers  # the camera waits for another kind of trigger, which is never sent
-        if self.nodes.of("TriggerMode", FRAME) == "Off":
+        if self.nodes.of("TriggerMode", self.model.frame_trigger) == "Off":
             self._shutter.start(Shutting.FREE)
         elif self._wired():
             gated = self.nodes.read("ExposureMode") == "TriggerWidth"
@@ -328,17 +331,17 @@ class GenicamTwin:
         return {f"Chunk{entry}": one for entry, one in told.items() if active and self.nodes.of("ChunkEnable", entry)}
 
     def _active_low(self) -> bool:
-        return self.nodes.of("TriggerActivation", FRAME) == "FallingEdge"
+        return self.nodes.of("TriggerActivation", self.model.frame_trigger) == "FallingEdge"
 
     def _wired(self) -> bool:
         """Return whether it is triggered by the line that is wired."""
-        return self.nodes.of("TriggerSource", FRAME) == self.model.trigger_input
+        return self.nodes.of("TriggerSource", self.model.frame_trigger) == self.model.trigger_input
 
     _unit_s: float = US
     """Unit of its times."""
 
     def _delay_s(self) -> float:
-        return self.nodes.of_number("TriggerDelay", FRAME) * self._unit_s
+        return self.nodes.of_number("TriggerDelay", self.model.frame_trigger) * self._unit_s
 
     def _exposure_s(self) -> float:
         return self.nodes.number("ExposureTime") * self._unit_s
@@ -366,6 +369,7 @@ class GenicamTwin:
 
     def _make_nodes(self) -> dict[str, Node]:
         model = self.model
+        triggers = TRIGGERS if model.frame_trigger == FRAME else (model.frame_trigger,)
         inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
         return {
             **self._sizes(),
@@ -376,7 +380,7 @@ class GenicamTwin:
                 "enumeration", "FrameTriggerWait", symbols=("FrameTriggerWait", "ExposureActive")
             ),
             "AcquisitionStatus": Node("boolean", False, fixed=True, read=self._ready),
-            "TriggerSelector": Node("enumeration", FRAME, symbols=TRIGGERS),
+            "TriggerSelector": Node("enumeration", triggers[0], symbols=triggers),
             "TriggerMode": Node("enumeration", "Off", symbols=("Off", "On"), selector="TriggerSelector"),
             "TriggerSource": Node("enumeration", "Software", symbols=inputs, selector="TriggerSelector"),
             "TriggerActivation": Node(

@@ -203,6 +203,8 @@ class CaptureDevice:
         code = raw.decode("latin-1")
         if code not in self._model.formats:
             code = self._model.formats[0]
+        if self._model.on_subdevice:  # rp1-cfe: any size from 16 x 16 on (cfe_enum_framesizes)
+            return code, (max(height, 16), max(width - width % 2, 16))
         return code, self._nearest(height, width)
 
     def _g_selection(self, argument: bytearray, *, target_at: int, rect_at: int) -> None:
@@ -261,14 +263,16 @@ class CaptureDevice:
         struct.pack_into("<II", argument, 24, stride, stride * height)
 
     def _subdev_s_fmt(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
-        _, pad, width, height, bus = struct.unpack_from("<IIIII", argument, 0)
+        which, pad, width, height, bus = struct.unpack_from("<IIIII", argument, 0)
         if pad != 0:
             raise OSError(EINVAL, "pad")
         offered = self._bus_codes()
-        self._bus_size = self.region[2:] if self._model.crops else self._nearest(height, width)
-        self._controls.frame_size(*self._bus_size)
+        size = self._nearest(height, width)
+        if which:  # active, and not tried only, in a state of the file's own with the whole array
+            size = self._bus_size = self.region[2:] if self._model.crops else size
+            self._controls.frame_size(*size)
         bus = bus if bus in offered else offered[0]
-        struct.pack_into("<III", argument, 8, self._bus_size[1], self._bus_size[0], bus)
+        struct.pack_into("<III", argument, 8, size[1], size[0], bus)
 
     def _bus_codes(self) -> list[int]:
         """Return the sensor's bus formats, its default first."""

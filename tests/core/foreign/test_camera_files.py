@@ -321,6 +321,39 @@ def test_a_calibration_of_opencv_is_read_under_any_names(tmp_path, ending):
     assert found.distortion.tolist() == [0.1, 0, 0, 0]
 
 
+MESSAGE = (
+    "header:\n  frame_id: cam\nheight: {h}\nwidth: {w}\ndistortion_model: plumb_bob\nd: {lens}\n"
+    "k: [{0}, 0.0, {2}, 0.0, {1}, {3}, 0.0, 0.0, 1.0]\nr: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n"
+)
+OTHERS = {
+    "CameraInfo": MESSAGE,
+    "CameraInfo of ROS 1": MESSAGE.replace("\nd:", "\nD:").replace("\nk:", "\nK:").replace("\nr:", "\nR:"),
+    "Kalibr": "cam0:\n  camera_model: pinhole\n  distortion_coeffs: {lens}\n  distortion_model: radtan\n"
+    "  intrinsics: [{0}, {1}, {2}, {3}]\n  resolution: [{w}, {h}]\n",
+    "EuRoC": "T_BS:\n  cols: 4\n  rows: 1\n  data: [1.0, 0.0, 0.0, 0.0]\nresolution: [{w}, {h}]\n"
+    "intrinsics: [{0}, {1}, {2}, {3}]\ndistortion_model: radial-tangential\ndistortion_coefficients: {lens}\n",
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_calibrations_of_other_programs_are_read_with_lens_and_size(tmp_path, name):
+    """ROS's message lost its lens and its size without a word; Kalibr's held "0 camera matrices"."""
+    path, lens = tmp_path / "camera.yaml", [-0.2, 0.05, 0.001, -0.002]
+    numbers = (2 * CAMERA[0, 0], 2 * CAMERA[1, 1], 2 * CAMERA[0, 2] - 0.5, 2 * CAMERA[1, 2] - 0.5)
+    path.write_text(OTHERS[name].format(*map(float, numbers), lens=lens, w=2 * SIZE[1], h=2 * SIZE[0]))
+    found = read_calibration(path, SIZE)
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+    np.testing.assert_allclose(found.distortion[:4], lens)
+
+
+def test_a_calibration_as_json_is_read(tmp_path):
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({"camera_matrix": CAMERA.tolist(), "dist_coeff": [[0.1, 0, 0, 0, 0]]}))
+    found = read_calibration(path, SIZE)
+    np.testing.assert_allclose(found.intrinsics - CAMERA, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    assert found.distortion[0] == 0.1
+
+
 def test_calibrations_that_are_none_of_one_camera_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"holds 2 camera matrices: M1, M2.*--intrinsics fx fy cx cy"):
         read_calibration(opencv(tmp_path, "yml", M1=CAMERA, M2=CAMERA), SIZE)

@@ -133,6 +133,19 @@ def test_exposures_with_masks_of_their_own_are_as_many_shots(own, take, said, la
         assert np.allclose(shot.truth.views[..., 0] * 255, true, rtol=1e-5)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (1, 0, 2, 3), (2, 3, 0, 1), (2, 3, 1, 0)])
+@pytest.mark.parametrize("count", [2, 3])
+def test_masks_of_their_own_may_count_exposures_or_masks_first(own, take, order, count):
+    """As many masks as exposures, counted first, were taken for the exposures', and eight views became one."""
+    meas, masks, views = own
+    meas = np.rint(np.einsum("knhw,knhw->khw", masks[:count, :3], views[:count, :3].reshape(count, 3, 64, 72)))
+    given = meas if order[0] < 2 else np.moveaxis(meas, 0, -1)
+    shots = take(ImportOptions(scale=255.0), meas=given, masks=masks[:count, :3].transpose(order)).shots
+    for shot, own_masks, one in zip(shots, masks[:, :3], meas, strict=False):
+        assert np.array_equal(shot.masks, own_masks)
+        assert np.allclose(shot.measurement[..., 0] * 255, one, rtol=1e-5)
+
+
 @pytest.mark.parametrize("flat", [False, True])
 def test_poses_and_weights_of_a_file_go_to_the_exposures_that_they_belong_to(own, take, flat):
     meas, masks, _ = own

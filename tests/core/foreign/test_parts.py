@@ -54,6 +54,17 @@ def test_of_two_arrays_without_known_names_the_stack_is_the_masks(scene, take, s
         take(a=made.meas[..., 0], b=made.masks[:, 1:])
 
 
+def test_coordinates_and_maps_of_defects_are_no_pictures_and_no_masks(scene, take, said):
+    """xarray writes the axes y and mask beside a picture; "mask" of a camera's pictures are their bad pixels."""
+    made = scene(n=4, channels=1)
+    axes = {"y": np.arange(24) * 0.1, "x": np.arange(32) * 0.1, "mask": np.arange(4)}
+    for extra in (axes, {"mask": np.zeros((24, 32), bool)}):
+        shot = take(image=made.meas[..., 0], patterns=made.masks, **extra).shots[0]
+        assert np.array_equal(shot.masks, made.masks)
+        assert np.allclose(shot.measurement, made.meas, atol=1e-6)
+    assert said(take(y=made.meas[..., 0], masks=made.masks), "keys: 'y' (measurement)")
+
+
 def test_matlabs_scalars_are_no_images(scene, take, said):
     made = scene()
     imported = take(meas=made.meas, stuff=made.masks, note=np.array([[3.0]]), rates=np.arange(4.0)[None])

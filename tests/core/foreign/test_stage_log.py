@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.options import ImportOptions
@@ -105,6 +106,43 @@ def test_a_log_that_cannot_be_read_is_refused(tmp_path):
 def test_ways_that_are_not_three_at_right_angles_are_refused(tmp_path, ways):
     with pytest.raises(InputError, match=r"--stage-axes.*three of right, left, down, up, ahead, back"):
         stage_poses(log(tmp_path, "x\n0\n1\n"), ways, [])
+
+
+@pytest.mark.parametrize("form", ["[R, 3, 4]", "[4, 4, R]", "[3, 4, R]", "[R, 16]", "by columns", "4 of [4, 4, R]"])
+def test_poses_are_read_in_every_order_of_axes(tmp_path, form):
+    """[4, 4, R] were "4 positions for 8 masks"."""
+    poses = np.tile(np.eye(4), (4 if form.startswith("4") else 8, 1, 1))
+    poses[:, :3, 3] = np.random.default_rng(0).normal(size=(len(poses), 3))
+    poses[1:, :3, :3] = Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix()
+    stored = {
+        "[R, 3, 4]": poses[:, :3],
+        "[4, 4, R]": np.moveaxis(poses, 0, -1),
+        "[3, 4, R]": np.moveaxis(poses[:, :3], 0, -1),
+        "[R, 16]": poses.reshape(-1, 16),
+        "by columns": poses.transpose(0, 2, 1),
+        "4 of [4, 4, R]": np.moveaxis(poses, 0, -1),
+    }[form]
+    np.save(tmp_path / "poses.npy", stored)
+    assert np.array_equal(stage_poses(tmp_path / "poses.npy", USUAL_WAYS, []).values, poses)
+
+
+def test_positions_may_be_counted_last(tmp_path):
+    np.save(tmp_path / "places.npy", PLACES.T)
+    assert np.array_equal(stage_poses(tmp_path / "places.npy", USUAL_WAYS, []).values[:, :3, 3], -PLACES)
+    np.save(tmp_path / "turned.npy", np.zeros((8, 7)))
+    with pytest.raises(InputError, match=r"shape \[8, 7\].*make matrices of quaternions"):
+        stage_poses(tmp_path / "turned.npy", USUAL_WAYS, [])
+
+
+@pytest.mark.parametrize(
+    "names", ["stage_x_mm,stage_y_mm", "X Position (mm),Y Position (mm)", "PosX [mm],PosY [mm]", "XPos/mm,YPos/mm"]
+)
+def test_columns_are_known_by_the_letter_of_their_axis(tmp_path, names):
+    path = tmp_path / "log.csv"
+    path.write_text(f"{names},x velocity (mm/s)\n0,5,1\n3,4,2\n")
+    guesses: list[str] = []
+    assert stage_poses(path, USUAL_WAYS, guesses).values[:, :2, 3].tolist() == [[0, -5], [-3, -4]]
+    assert any("not used: x velocity (mm/s)" in guess for guess in guesses)
 
 
 def test_poses_have_axes_of_their_own(tmp_path):

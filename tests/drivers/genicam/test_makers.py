@@ -3,7 +3,7 @@
 import pytest
 
 from gs2ci_drivers.failures import DeviceFaultError, TriggerTimeoutError
-from gs2ci_drivers.sensor import FrameFlag, TriggerMode
+from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
 from tests.drivers.genicam.test_manners import LINE, Bench
 
 
@@ -45,7 +45,7 @@ def test_a_delay_that_has_a_switch_is_switched_with_it(asked_s, left_on):
 
 
 NAMES = ("LineDebouncerTimeAbs", "LineDebouncerTimeRaw", "mvLineDebounceTimeRisingEdge", "TriggerFilterRaisingEdge")
-NAMES += ("LineFilterWidth", "LineDebounceDuration", "LineDebouncerHighTimeAbs")
+NAMES += ("LineFilterWidth", "LineDebounceDuration", "LineDebouncerHighTimeAbs", "lineDebouncingPeriod")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -125,6 +125,73 @@ def test_frames_are_not_held_in_the_camera():
     held.pulse()
     with pytest.raises(TriggerTimeoutError):
         held.sensor.read(0.5)
+
+
+def test_frames_do_not_wait_to_be_transferred():
+    one = Bench(left={"TransferControlMode": "UserControlled"})
+    assert one.take().mean() == 400
+    basic = Bench(left={"TransferControlMode": "Basic"})
+    basic.start()
+    assert basic.twin.nodes.read("TransferControlMode") == "Basic"
+    assert not [line for line in basic.sensor.incidents if "Transfer" in line]
+
+
+def test_a_sequencer_of_a_gige_camera_is_switched_off_behind_the_automatic_settings():
+    one = Bench(left={"SequenceEnable": True})
+    assert one.take().mean() == 400
+    assert any("SequenceEnable was True and has been reset to False" in line for line in one.sensor.incidents)
+
+
+OTHER_NAMES = [{"frame_trigger": "ExposureStart"}, {"left": {"TriggerControlImplementation": "Legacy"}}]
+OTHER_NAMES += [{"frame_trigger": "FrameBurstStart", "left": {"AcquisitionBurstFrameCount": 3}}]
+
+
+@pytest.mark.parametrize("model", OTHER_NAMES)
+def test_a_frames_trigger_is_found_by_its_other_names(model):
+    one = Bench(**model)
+    one.sensor.prepare()
+    assert TriggerMode.EDGE in one.sensor.info.triggers
+    one.start()
+    assert starts_s(one, 5e-3) == [pytest.approx(0.0, abs=1e-9)]
+
+
+# ---- limits of the exposure
+
+
+@pytest.mark.parametrize("model", [{"rate_limits": 30.0}, {"left": {"ExposureTimeMode": "UltraShort"}}])
+def test_a_limit_of_exposures_that_another_program_left_is_none_of_the_cameras(model):
+    """At 30 frames a second 80 ms would be refused on connecting, as longer than the camera can."""
+    one = Bench(**model)
+    one.sensor.prepare()
+    assert one.sensor.info.max_exposure_s == pytest.approx(10.0)
+    assert one.sensor.configure(SensorConfig(exposure_s=80e-3, trigger=TriggerMode.EDGE)).exposure_s == 80e-3
+    assert len([line for line in one.sensor.incidents if "has been reset" in line]) == 1
+
+
+@pytest.mark.parametrize("left_us", [20.0, 62.0, 1e6])
+@pytest.mark.parametrize("wanted_s", [2e-3, 0.1, 0.5])
+def test_exposures_that_are_multiples_of_a_base_are_set_by_the_finest_one(left_us, wanted_s):
+    """With the base of 20 us that a scout has at first, 82 ms were the longest; with another left, 1 s the shortest."""
+    one = Bench(exposure="ExposureTimeAbs", base_us=left_us)
+    assert one.sensor.info.max_exposure_s == pytest.approx(10.0)
+    one.start(exposure_s=wanted_s)
+    one.pulse()
+    one.sensor.read(2.0)
+    taken = one.world.exposures[-1]
+    assert taken.end_s - taken.start_s == pytest.approx(wanted_s, rel=2e-4)
+    assert one.sensor.settings.exposure_s == pytest.approx(taken.end_s - taken.start_s, abs=1e-9)
+
+
+@pytest.mark.parametrize(("stated_s", "found_s"), [(None, 14e-6), (5e-6, 5e-6), (0.0, 0.0)])
+def test_an_exposure_is_as_long_as_a_basler_tells(stated_s, found_s):
+    table = {} if stated_s is None else {"exposure_offset_s": stated_s}
+    one = Bench(table, exposure_offset_s=14e-6, tells_offset=True)
+    one.start()
+    one.pulse()
+    one.sensor.read(0.5)
+    taken = one.world.exposures[-1]
+    assert taken.end_s - taken.start_s == pytest.approx(2e-3 + 14e-6, abs=1e-9)
+    assert one.sensor.settings.exposure_offset_s == pytest.approx(found_s, abs=1e-9)
 
 
 # ---- links that are slow by other features than SFNC's

@@ -65,6 +65,8 @@ def test_power_that_fails_in_a_move_loses_the_reference_and_is_told():
         ("kinesis.wheel", 0, "wheel", False),
         ("kinesis.status_bit", 0x4, "software limit", False),
         ("kinesis.status_bit", 0x8, "software limit", False),
+        ("kinesis.status_bit", 0x8000, "could not carry a command out", False),
+        ("kinesis.status_bit", 0x10000, "enables the motor, or a position error", False),
         ("kinesis.status_bit", 0x20000, "too hot", True),
         ("kinesis.status_bit", 0x40000, "supply's voltage", True),
         ("kinesis.status_bit", 0x80000, "commutation", True),

@@ -12,8 +12,8 @@ from gs2ci_drivers.links.usb_device import ClaimedInterfaces, as_os_error, udev_
 
 def finder(*devices: Any) -> Any:
     def find(*, find_all: bool, idVendor: int, idProduct: int) -> Any:
-        assert (find_all, idVendor, idProduct) == (True, 0x0451, 0xC900)
-        return iter(devices)
+        assert (find_all, idVendor) == (True, 0x0451)
+        return iter(devices if idProduct == 0xC900 else ())
 
     return find
 
@@ -74,6 +74,14 @@ def test_none_or_several_devices_are_refused_with_those_there_are(fake: Any) -> 
     with pytest.raises(AccessError, match=r"at 9-9.*1-2\.3, 3-1"):
         claim(fake, other, bus_port="9-9")
     assert claim(fake, other, bus_port="3-1").usb is other
+
+
+def test_a_relative_without_a_driver_is_named_with_the_way_there_is(fake: Any) -> None:
+    def find(*, find_all: bool, idVendor: int, idProduct: int) -> Any:
+        return iter([fake] if idProduct == 0x6401 else [])
+
+    with pytest.raises(AccessError, match=r'no USB device 0451:c900, but a DLPC350 .*kind = "video" in \[modulator\]'):
+        ClaimedInterfaces("dmd0", 0x0451, 0xC900, find=find)
 
 
 def test_missing_libusb_is_said_with_the_package_to_install() -> None:

@@ -106,3 +106,9 @@ def test_masks_are_packed_rows_first_and_the_leftmost_pixel_in_the_highest_bit(b
         assert packed.startswith(bytes.fromhex(expected))
     else:
         assert packed == levels.astype("<u2").tobytes()
+
+
+def test_numbers_with_a_plus_are_read_as_ieee_488_allows_them() -> None:
+    """Agilent's and others' instruments answer so: "+0,"No error"" (NR1 of IEEE 488.2)."""
+    assert parse_error('+0,"No error"') == (0, "No error")
+    assert parse_integers("+300,-2,400") == (300, -2, 400)

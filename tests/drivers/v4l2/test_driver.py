@@ -208,6 +208,10 @@ def test_gain_in_db_needs_its_unit(bench: Build) -> None:
     assert {a.control: a.applied for a in b.sensor.applied_controls}["analogue_gain"] == 60
 
 
+REGION = {"crops": True, "height": 1088, "width": 1456}
+SUBDEVICE = V4l2Options(trigger_adapter="control", subdevice="/dev/v4l-subdev0", readout_s=1e-3)
+
+
 def test_controls_and_bus_format_go_to_the_sub_device_where_there_is_one(bench: Build) -> None:
     b = bench(CONTROL.model_copy(update={"subdevice": "/dev/v4l-subdev0"}), on_subdevice=True)
     b.begin(height=32, width=48, fourcc="Y10P")
@@ -216,6 +220,19 @@ def test_controls_and_bus_format_go_to_the_sub_device_where_there_is_one(bench: 
     assert b.sensor.read(0.5).pixels.shape == (32, 48)
     b.sensor.close()
     assert list(b.twin.calls)[-2:] == ["close", "close"]
+
+
+@pytest.mark.parametrize("crops", [True, False])
+def test_the_largest_size_is_the_sensors_and_not_what_a_capture_node_accepts(bench: Build, crops: bool) -> None:
+    """Beside a sensor's own node any size is accepted; 16384 x 16384 would be the masks' size, too."""
+    b = bench(SUBDEVICE, on_subdevice=True, crops=crops, height=1088, width=1456)
+    b.twin.calls.clear()
+    found = b.sensor.connect().formats
+    assert {(one.height, one.width) for one in found} == {(1088, 1456)}
+    assert b.twin.region == (0, 0, 1088, 1456)
+    b.begin(fourcc="Y10", height=found[0].height, width=found[0].width)
+    b.fire()
+    assert b.sensor.read(0.5).pixels.shape == (1088, 1456)
 
 
 def test_without_the_sub_device_such_a_camera_has_no_controls(bench: Build) -> None:
@@ -236,10 +253,6 @@ def test_the_imx296_exposes_as_long_as_its_line_is_low_plus_the_offset(bench: Bu
     b.sensor.read(0.5)
     last = b.world.exposures[-1]
     assert last.end_s - last.start_s == pytest.approx(3e-3 + 14.26e-6)
-
-
-REGION = {"crops": True, "height": 1088, "width": 1456}
-SUBDEVICE = V4l2Options(trigger_adapter="control", subdevice="/dev/v4l-subdev0", readout_s=1e-3)
 
 
 @pytest.mark.parametrize("on_subdevice", [True, False])

@@ -50,7 +50,7 @@ _DEPTH_RANGE: Final = (0.05, 5.0)
 # A block whose displacement is off by more standard errors than this counts less (pseudo-Huber).
 _OUTLIER: Final = 3.0
 # Blocks of a still scene are off by this at most, in the mean over the blocks: 2 to 3.6 for cameras that move, 4 to 18
-# where something else moves (docs/decisions/small-motions.md).
+# where something else moves (docs/decisions/sources-of-geometry.md).
 _MOST_OFF: Final = 3.6
 # A camera that turns must leave so many times more: one that turns by a degree left up to 1.7 times more than with a
 # parallax of its own, motions with a parallax of a pixel and more 1.8 times and more.
@@ -310,7 +310,7 @@ def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, m
     The depth is the mean of two maps: that at which the decoded views agree, fine where the parallax is several pixels
     and noise where it is one, and that of the blocks, coarse and never noise. Of 27 small motions the mean's rank
     correlation with the true depth was that of the better map or more in 21
-    (docs/decisions/small-motions.md).
+    (docs/decisions/sources-of-geometry.md).
     """
     settings = request.settings.sweep
     poses = _poses(motion.moves, blocks.displaced.over_time, geometry.reference)
