@@ -22,6 +22,7 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.presets.named import PRESETS
+from gs2ci.reconstruct.registration.register import register
 
 KNOB: Final = "exposures"
 
@@ -55,12 +56,15 @@ def tried_together(
         Gs2ciError: The exposures cannot be reconstructed together.
     """
     chosen = list(shots[: trial.exposures])
-    first = chosen[0]
-    holdout = Holdout.of(first, JUDGED_SHARE, seed ^ JUDGES)
     began_s = clock()
-    joint = reconstruct_together([holdout.seen, *chosen[1:]], replace(trial.settings, seed=seed))
+    registered = register(chosen[0], trial.settings.registration, seed=seed)
+    first, truth = registered.shot, chosen[0].truth
+    holdout = Holdout.of(first, JUDGED_SHARE, seed ^ JUDGES, registered.averaged)
+    # Exposures of a file are under the same masks: along the same path another one would tell what a pixel reads.
+    others = [Holdout(shot, holdout.pixels).seen for shot in chosen[1:]]
+    joint = reconstruct_together([holdout.seen, *others], replace(trial.settings, seed=seed))
     seconds = clock() - began_s
-    part, truth = joint.parts[0], first.truth
+    part = joint.parts[0]
     lit = first.weights_by(part.brightness)
     coded = part.views if part.exposed_views is None else part.exposed_views
     path = truth.world_to_camera
@@ -71,7 +75,7 @@ def tried_together(
         "exposures": trial.exposures - len(joint.left_out),
         "capture_s": capture_s(chosen),
     }
-    judging = Holdout(replace(first, weights=lit), holdout.pixels)
+    judging = Holdout(replace(first, weights=lit, truth=truth), holdout.pixels)
     return figures(trial, seconds, Treated(part.views, coded, lit, details), judging)
 
 
