@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import spline_filter1d
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.bench import GUARD_S, Bench, Stack
@@ -100,7 +99,7 @@ class Probe:
                 f"mask {self.mask} differs from the bundle's by {100 * self.difference:.1f} % rms; the image of the "
                 f"modulator has moved by {right:+.2f} px right and {down:+.2f} px down",
                 allowed=f"{100 * DIFFERENCE_LIMIT:.0f} % and {SHIFT_LIMIT_PX} px",
-                remedy=remedy,
+                remedy=f"{remedy}; or take a shot of a textured scene with --no-probe and run `gs2ci calibrate update`",
             )
         return self
 
@@ -193,17 +192,35 @@ def _take(bench: Bench, index: int) -> Stack:
 
 
 def _shift(foretold: F64, lit: Bool, rest: F64, noise: F64) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the mask's displacement, right and down, by least squares on its slopes; errors from the residuals."""
-    # Slopes of a cubic spline: differences of neighbours would be too small by half for a mask random at each pixel.
-    down, right = (np.gradient(spline_filter1d(foretold, axis=axis), axis=axis) for axis in (0, 1))
-    slopes = np.stack([-right[lit], -down[lit]], axis=1)
-    normal = slopes.T @ slopes
-    if np.linalg.det(normal) <= 1e-6 * np.trace(normal) ** 2:  # 1e-6: in a mask without structure no shift is visible
+    """Return the mask's displacement, right and down, and its standard errors.
+
+    It is the first moment of the filter that turns the mask into what was seen: slopes show half of it, if
+    elements are as sharp as a pixel. Of a mask that was between pixels before, or blurred, the filter is an alternating
+    series without end; cut after one and after two pixels it errs to either side, and the mean is taken.
+    """
+    sides = [foretold - np.roll(foretold, 1, axis) for axis in (1, 0)]
+    spread = np.cov([side[lit] for side in sides])
+    if np.linalg.det(spread) <= 1e-6 * np.trace(spread) ** 2:  # 1e-6: in a mask without structure no shift is visible
         return (0.0, 0.0), (float(np.inf), float(np.inf))
-    moved = np.linalg.solve(normal, slopes.T @ rest)
-    left = float(np.square(rest - slopes @ moved).mean()) + float(noise.mean())
-    errors = np.sqrt(np.diag(np.linalg.inv(normal)) * left)
-    return (float(moved[0]), float(moved[1])), (float(errors[0]), float(errors[1]))
+    one, two = (_first_moment(foretold, lit, rest, float(noise.mean()), reach) for reach in (1, 2))
+    right, down = (one[0] + two[0]) / 2
+    of_right, of_down = np.hypot(two[1], np.abs(one[0] - two[0]) / 4)
+    return (float(right), float(down)), (float(of_right), float(of_down))
+
+
+def _first_moment(foretold: F64, lit: Bool, rest: F64, noise: float, reach: int) -> tuple[F64, F64]:
+    """Return by how much a filter of that reach, px, moves a mask right and down, by least squares, and its errors."""
+    high, wide = foretold.shape
+    padded = np.pad(foretold, reach, mode="edge")
+    steps = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach
+    steps = steps[steps.any(axis=1)]
+    moved = (padded[reach - down :, reach - right :][:high, :wide] for down, right in steps)
+    parts = np.stack([(image - foretold)[lit] for image in moved], axis=1)
+    inverse = np.linalg.pinv(parts.T @ parts, rcond=1e-6, hermitian=True)  # 1e-6: a smooth mask's neighbours are alike
+    weights = inverse @ (parts.T @ rest)
+    left = float(np.square(rest - parts @ weights).mean()) + noise
+    along = steps.T[::-1].astype(float)
+    return along @ weights, np.sqrt(np.diag(along @ inverse @ along.T) * left)
 
 
 def _correlation(a: F64, b: F64) -> float:

@@ -87,14 +87,13 @@ def run(
             try:
                 opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
             except (Gs2ciError, KeyboardInterrupt):
-                if sections:
-                    done = [section.name for section in sections]
-                    left = [name for name in get_args(Step)[:7] if name not in done]
-                    say(
-                        "in ",
-                        out,
-                        f": {', '.join(done)}; go on with `gs2ci calibrate {left[0]}` ({', '.join(left)} are left)",
-                    )
+                from gs2ci_calibration.procedures import PROCEDURES
+
+                done = [section.name for section in sections]
+                left = [name for name in PROCEDURES if name not in done]
+                if done and left:
+                    said = f"{', '.join(done)}; go on with `gs2ci calibrate {left[0]}` ({', '.join(left)} are left)"
+                    say("in ", out, f": {said}")
                 raise
         say("bundle in ", out)
         answer({"bundle": out, "sections": [section.record() for section in sections]})
@@ -147,10 +146,12 @@ def _print_drift(changes: list["Change"], notes: tuple[str, ...]) -> None:
         say(note)
     drifted = [change for change in changes if change.too_far]
     if drifted:
-        steps = dict.fromkeys(change.step for change in drifted)
+        # In the order in which they need each other.
+        steps = [name for name in get_args(Step) if name in {change.step for change in drifted}]
+        update = "; or take shots with --no-probe and run `gs2ci calibrate update`" if "registration" in steps else ""
         raise CalibrationError(
             "check",
             Reason.DOES_NOT_FIT,
             f"{', '.join(change.what for change in drifted)} changed by more than allowed since the calibration",
-            remedy=f"run `gs2ci calibrate` {', '.join(steps)} again",
+            remedy=f"run `gs2ci calibrate` {', '.join(steps)} again{update}",
         )

@@ -124,7 +124,7 @@ def _say_where_masks_were(out: Path, prepared: "Prepared") -> None:
             remedy = "run `gs2ci calibrate registration` and `masks` again"
             said = f"WARNING: shot {index + 1}: compared with the bundle, the masks {moved.otherwise}; {remedy}"
         elif moved.too_far:
-            off = f"{moved.largest_px:.2f} ± {moved.error_px:.2f} px; the bundle allows"
+            off = f"{moved.largest_px:.2f} ± {moved.error_px:.1g} px; the bundle allows"
             remedy = "`gs2ci calibrate update` corrects this"
             said = f"WARNING: shot {index + 1}: masks are displaced by up to {off} {moved.allowed_px:.2f} px; {remedy}"
         else:

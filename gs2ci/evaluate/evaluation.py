@@ -233,7 +233,7 @@ def exposures_of(report: Report, shots: Sequence[Shot]) -> list[Shot]:
     if lacking or doubtful:
         told = f"{', '.join(lacking or doubtful)} {'is missing' if lacking else 'is there more than once'}"
         raise InputError(
-            f"{len(shots)} exposures beside a run of {len(wanted)}: {told}",
+            f"{len(shots)} given of {len(wanted)} exposures of the run: {told}",
             allowed="the exposures that were reconstructed",
             remedy="give the files of the run, all exposures of each, in the same order; see --index",
         )

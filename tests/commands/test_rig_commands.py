@@ -261,4 +261,4 @@ def test_doctor_ends_well_on_a_healthy_bench_and_badly_on_a_sick_one(rig, capsys
     assert gs2ci("doctor", "--rig", rig) == 2
     captured = capsys.readouterr()
     assert "BAD" in captured.out
-    assert "1 finding would keep this bench from working: trigger loop" in captured.err
+    assert "1 finding would keep this bench from working: trigger pulses" in captured.err

@@ -1,5 +1,6 @@
 """A bundle held against coded shots: moved where they surely say so, kept beside, refused where they cannot tell."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,20 @@ def test_right_masks_change_nothing(path, masks):
     assert abs(float(found.parameters["right_px"])) < 0.02
     assert path.read_bytes() == before
     assert [file.name for file in path.parent.glob("*.h5")] == [path.name]
+
+
+def test_soft_masks_as_a_bench_measures_them_are_moved_and_not_sharpened(path, masks):
+    """A blur that no held-out pixel confirmed was taken as sure: the update made the masks worse than they were."""
+    soft = gaussian_filter(masks, (0, 0.5, 0.5)).astype(np.float32)
+    section = read_bundle(path).sections["masks"]
+    measured = replace(section, estimates={**section.estimates, "masks": Estimate(soft, np.float32(0.001), "1")})
+    write_bundle(path, Bundle(sections={"masks": measured}))
+    were = warped(soft, right_px=0.21, down_px=-0.13)
+    found = update_bundle(path, [shot_through(were, soft, seed) for seed in range(2)])
+    assert found.taken == ("down_px", "right_px")
+    inner = np.s_[:, 4:-4, 4:-4]
+    corrected = read_bundle(path).sections["masks"].array("masks")
+    assert np.abs(corrected[inner] - were[inner]).mean() < 0.2 * np.abs(soft[inner] - were[inner]).mean()
 
 
 def test_a_shot_that_cannot_tell_is_named_and_left_out(path, masks):

@@ -55,6 +55,10 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     found = find(path, masks_path, options, guesses)
     own = axes.own_masks(found.measurement, found.masks)
     if own is None:
+        if (pages := found.container.pages) == COLOURS and options.meas_layout == "auto":
+            options = replace(options, meas_layout="stack")
+            told = "pictures are as many measurements; if they are the colours of one, say --meas-layout rgb"
+            guesses.append(f"{found.measurement.where}: {pages} {told}")
         shots = _shots(path.stem, found, options, guesses)
     else:
         guesses.append(f"{len(own)} exposures, each with masks of its own")

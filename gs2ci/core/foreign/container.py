@@ -64,6 +64,7 @@ class Container:
         load_values: Loads one key; may raise anything.
         note: What was guessed on opening it, a sentence or nothing.
         used: Keys that were loaded.
+        pages: How many pictures the array was stacked from.
     """
 
     path: Path
@@ -71,6 +72,7 @@ class Container:
     load_values: Callable[[str], NDArray[Any]]
     note: str = ""
     used: set[str] = field(default_factory=set)
+    pages: int = 1
 
     def where(self, key: str) -> str:
         """Name a key for messages."""

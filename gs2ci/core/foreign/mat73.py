@@ -20,6 +20,8 @@ from gs2ci.core.limits import DEFLATE_LIMIT
 
 _CLASS: Final = "MATLAB_class"
 _OCTAVE: Final = "OCTAVE_NEW_FORMAT"
+# By which netCDF packs numbers into integers (CF conventions, 8.1), and their values where they are left out.
+_PACKED: Final = {"scale_factor": 1.0, "add_offset": 0.0, "_FillValue": np.nan}
 _CELL: Final = {"cell": "cell array"}
 # Detectors write their frames two or three groups deep (NeXus: entry/data/data).
 _DEEPEST: Final = 6
@@ -100,4 +102,7 @@ def _load73(path: Path, key: str) -> NDArray[Any]:
         values = values.T if _is_reversed(node) else values
         if kind == b"char":
             return np.asarray("".join(map(chr, values.reshape(-1))))
+        factor, offset, fill = (np.ravel(node.attrs.get(name, usual))[0] for name, usual in _PACKED.items())
+    if factor != 1 or offset != 0:
+        return np.where(values == fill, np.nan, values * float(factor) + float(offset))
     return values.astype(values.dtype.newbyteorder("="), copy=False)

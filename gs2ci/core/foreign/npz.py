@@ -84,7 +84,7 @@ def read_npz(path: Path) -> Container:
             raise InputError(
                 f"{path}: a zip archive without an array of numpy",
                 allowed="a .npz of numpy",
-                remedy="unpack it, and give what it holds; in Python: np.savez('FILE.npz', meas=..., masks=...)",
+                remedy="unpack it (a spreadsheet: save as CSV); in Python: np.savez('FILE.npz', meas=..., masks=...)",
             )
         entries = {info.filename.removesuffix(".npy"): _entry(path, archive, info) for info in members}
     return Container(path, entries, lambda key: _load(path, key))

@@ -24,10 +24,15 @@ _FRAMES: Final = (
     "if it was stored without loss, save its frames as pictures: ffmpeg -i FILE -pix_fmt gray FOLDER/%04d.png; "
     "otherwise take the patterns from where the film was made"
 )
+_TUM: Final = "save its poses as a text of TUM's form (time, place, quaternion), its pictures as 16-bit PNG or TIFF"
 _UNPACK: Final = "unpack it, and give what it holds"
 # First bytes of formats that people have, their names, and how their numbers come into a format that is read.
 UNREAD: Final = (
     (b"SIMPLE  =", "a FITS file", "in Python: np.save('FILE.npy', astropy.io.fits.getdata(PATH).astype(float))"),
+    (b"CDF", "a netCDF of version 3", "in Python: xarray.open_dataset(PATH).to_netcdf('FILE.h5', engine='h5netcdf')"),
+    (b"#ROSBAG", "a bag of ROS", _TUM),
+    (b"\x89MCAP", "a bag of ROS (MCAP)", _TUM),
+    (b"SQLite format 3", "a database, as bags of ROS 2 are", _TUM),
     (b"# Created by Octave", "a text file of Octave", "save it again there: save -v7 FILE.mat meas masks"),
     (b"Octave-1-", "a binary file of Octave", "save it again there: save -v7 FILE.mat meas masks"),
     (b"\x80\x02", "a file of Python objects (pickle, an old .pt)", TORCH_WAY_OUT),

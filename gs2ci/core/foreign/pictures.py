@@ -68,6 +68,7 @@ def read_pictures(path: Path) -> Container:
         {"": ArrayEntry(values.shape, "number")},
         lambda key: values,
         note="; ".join([order, *sorted(notes)] if order else sorted(notes)),
+        pages=len(pages),
     )
 
 
@@ -162,6 +163,9 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
             tiff.check(file, read[number], layout)
             read[number] = tiff.as_stored(file, read[number], layout, is_boolean=is_boolean)
             notes.add(tiff.note_of(layout, is_boolean=is_boolean))
+        if tiff.SIGNED.search(stored.data) and read[0].dtype == np.uint16:
+            read = [page.astype(np.int32) - 2**15 for page in read]
+            notes.add("numbers with a sign, 32768 less than stored, as ImageJ's calibration says")
     return [_in_order(file, page) for page in read], "; ".join(sorted(notes - {""}))
 
 

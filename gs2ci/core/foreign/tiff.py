@@ -25,6 +25,8 @@ KINDS: Final = {
 }
 # What ImageJ and tifffile write in a description: the number of images, or the shape of the whole array.
 _COUNT: Final = re.compile(rb"ImageJ=[^\0]*?\simages=(\d+)|\{\"shape\": \[([\d, ]+)\]")
+# ImageJ keeps signed numbers of 16 bits as such without a sign, and a calibration that says so.
+SIGNED: Final = re.compile(rb"ImageJ=[^\0]*?\sc0=-32768[.\d]*\s+c1=1(?:\.0*)?\s")
 # Numbers of tags (TIFF 6.0; DNG 1.4 for the last): bits per number, compression, 0 as white or black, orientation,
 # colours side by side (1) or in planes (2), kind of number, version of DNG.
 BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, KIND, DNG = TAGS = (258, 259, 262, 274, 284, 339, 50706)

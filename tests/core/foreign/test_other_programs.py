@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import tifffile
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import import_shots
@@ -236,3 +237,23 @@ def test_drawn_packed_pictures_come_as_counts(tmp_path, seed):
     together = open_foreign(tmp_path)
     assert np.array_equal(together.load("").values, frames)
     assert f"{bits} bits" in together.note
+
+
+def test_numbers_that_netcdf_packs_into_integers_are_unpacked(tmp_path):
+    """As xarray writes them with an encoding of "i2" and a scale_factor."""
+    with h5py.File(tmp_path / "packed.nc", "w") as file:
+        file["meas"] = np.array([[-1000, 0, 2000], [5, -32768, 7]], np.int16)
+        attributes = {"scale_factor": [0.5], "add_offset": [100.0], "_FillValue": np.array([-32768], np.int16)}
+        file["meas"].attrs.update(attributes)
+    found = open_foreign(tmp_path / "packed.nc").load("meas").values
+    assert np.array_equal(found, [[-400, 100, 1100], [102.5, np.nan, 103.5]], equal_nan=True)
+
+
+def test_numbers_with_a_sign_of_imagej_get_it_back(tmp_path):
+    """ImageJ stores -5 as 32763, beside c0=-32768: 32768 too much, with a warning that named other causes."""
+    signed = counts(12).astype(np.int32) - 50
+    words = "ImageJ=1.54f\nunit=pixel\ncf=0\nc0=-32768.0\nc1=1.0\nvunit=gray value\n"
+    tifffile.imwrite(tmp_path / "signed.tif", (signed + 32768).astype(np.uint16), description=words, metadata=None)
+    container = open_foreign(tmp_path / "signed.tif")
+    assert np.array_equal(container.load("").values, signed)
+    assert "as ImageJ's calibration says" in container.note

@@ -318,3 +318,19 @@ def test_masks_that_are_named_by_positions_come_in_their_order(laboratory, tmp_p
     imported = import_shots(frame, folder, ImportOptions(scale=4095.0))
     assert np.array_equal(imported.shots[0].masks, made.masks)
     assert said(imported, "12 pictures, z_-6mm.png to z_5mm.png")
+
+
+def test_three_pictures_of_a_folder_are_three_measurements(tmp_path, scene):
+    """They became the colours of one."""
+    made = scene(height=32, width=40)
+    (tmp_path / "shots").mkdir()
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"shots/shot_{k}.png"), np.rint(600 * made.meas[..., k]).astype(np.uint16))
+    np.save(tmp_path / "masks.npy", made.masks)
+    imported = import_shots(tmp_path / "shots", tmp_path / "masks.npy", ImportOptions(scale=600.0))
+    assert [shot.measurement.shape for shot in imported.shots] == [(32, 40, 1)] * 3
+    for k, shot in enumerate(imported.shots):
+        assert np.abs(shot.measurement[..., 0] - made.meas[..., k]).max() < 1e-3
+    assert any("say --meas-layout rgb" in guess for guess in imported.guesses)
+    coloured = ImportOptions(scale=600.0, meas_layout="rgb")
+    assert import_shots(tmp_path / "shots", tmp_path / "masks.npy", coloured).shots[0].measurement.shape == (32, 40, 3)
