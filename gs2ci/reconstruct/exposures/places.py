@@ -3,7 +3,8 @@
     stage's poses ─► followed corners confirm all of them ─► these
          │           some not, or none ─► pictures' ties ─┬─ agree ─► the stage's
          └────────────────────────────────────────────────┴─ contradict, or none ─► the tie, in the stage's frame and
-                                                              unit if any exposure has these
+                                                              unit if any exposure has these; one that nothing ties,
+                                                              and that shows nothing of what it should, is left out
 
 Here: which of the two places each exposure, their comparison, and what people are told. Not here: either (`observing`,
 `tie`).
@@ -217,6 +218,8 @@ def _of_distinct(observed: Sequence[ObservedExposure]) -> _Found:
         return _Found(given, {}, {}, {})
     ties = tie(untied)
     trusted, off = _trusted(ties, given)
+    for number in elsewhere(untied, ties, trusted):
+        del trusted[number]
     known = {**_by_pictures(ties, trusted), **trusted}
     # A stage's path is better than one that a decode shows; those tied by pictures have their paths and depths anew.
     better = {number: ties.tied[number].geometry for number in sorted(known) if number not in trusted}
@@ -235,6 +238,24 @@ def _trusted(ties: Ties, given: dict[int, Similarity]) -> tuple[dict[int, Simila
         off[worst] = wrong[worst]
         del trusted[worst]
     return trusted, off
+
+
+def elsewhere(exposures: Sequence[Untied], ties: Ties, given: Mapping[int, Similarity]) -> list[int]:
+    """Return given exposures that nothing ties, and that show too little of what tied ones see where they should be.
+
+    Those of which few corners should be seen by others may lie beside them, and stay.
+    """
+    anchors = sorted(set(ties.tied) & set(given))
+    if len(anchors) < 2:
+        return []
+    pictures = {number: pictures_of(exposures[number].views, exposures[number].geometry) for number in given}
+    found = []
+    for number in sorted(set(ties.left_out) & set(given)):
+        seen = [followed(pictures[number], pictures[k], given[k].inverse.after(given[number])) for k in anchors]
+        least = LEAST_SHARE * sum(visible for _, visible in seen)
+        if sum(len(matches) for matches, _ in seen) < least >= LEAST_FOUND:
+            found.append(number)
+    return found
 
 
 def _by_pictures(ties: Ties, trusted: dict[int, Similarity]) -> dict[int, Similarity]:
