@@ -7,11 +7,10 @@ what an observation is (`observe`), where exposures lie (`places`).
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from operator import itemgetter
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.halt import Halt
@@ -91,13 +90,9 @@ def first_of_all(starts: Sequence[Gaussians], geometries: Sequence[Geometry]) ->
     parts = []
     for number, scene in enumerate(starts):
         new = torch.from_numpy(~_shown(scene.means.double().numpy(), geometries[:number]))
-        parts.append(scene.map(partial(_rows, chosen=new)))
+        parts.append(scene.map(itemgetter(new)))
     together = joined(parts)
     return together, len(together) / len(parts[0])
-
-
-def _rows(tensor: Tensor, chosen: Tensor) -> Tensor:
-    return tensor[chosen]
 
 
 def moved(scene: Gaussians, common_from_own: Similarity) -> Gaussians:

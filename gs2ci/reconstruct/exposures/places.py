@@ -10,7 +10,7 @@ Here: which of the two places each exposure, their comparison, and what people a
 `tie`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Final
 
@@ -218,7 +218,8 @@ def _of_distinct(observed: Sequence[ObservedExposure]) -> _Found:
         return _Found(given, {}, {}, {})
     ties = tie(untied)
     trusted, off = _trusted(ties, given)
-    for number in elsewhere(untied, ties, trusted):
+    agreed = ties.tied.keys() | {number for number, one in enumerate(observed) if one.repeats is not None}
+    for number in elsewhere(untied, agreed, trusted):
         del trusted[number]
     known = {**_by_pictures(ties, trusted), **trusted}
     # A stage's path is better than one that a decode shows; those tied by pictures have their paths and depths anew.
@@ -240,20 +241,19 @@ def _trusted(ties: Ties, given: dict[int, Similarity]) -> tuple[dict[int, Simila
     return trusted, off
 
 
-def elsewhere(exposures: Sequence[Untied], ties: Ties, given: Mapping[int, Similarity]) -> list[int]:
-    """Return given exposures that nothing ties, and that show too little of what tied ones see where they should be.
+def elsewhere(exposures: Sequence[Untied], agreed: Set[int], given: Mapping[int, Similarity]) -> list[int]:
+    """Return given exposures that show too little of what those that agree with others show where they should see it.
 
     Those of which few corners should be seen by others may lie beside them, and stay.
     """
-    anchors = sorted(set(ties.tied) & set(given))
-    if len(anchors) < 2:
-        return []
     pictures = {number: pictures_of(exposures[number].views, exposures[number].geometry) for number in given}
     found = []
-    for number in sorted(set(ties.left_out) & set(given)):
-        seen = [followed(pictures[number], pictures[k], given[k].inverse.after(given[number])) for k in anchors]
-        least = LEAST_SHARE * sum(visible for _, visible in seen)
-        if sum(len(matches) for matches, _ in seen) < least >= LEAST_FOUND:
+    for number in sorted(given.keys() - agreed):
+        seen = [
+            followed(pictures[number], pictures[k], given[k].inverse.after(given[number]))
+            for k in agreed & given.keys()
+        ]
+        if sum(len(matches) for matches, _ in seen) < LEAST_SHARE * sum(visible for _, visible in seen) >= LEAST_FOUND:
             found.append(number)
     return found
 

@@ -203,7 +203,7 @@ class _Softening:
         size = (sample.shape[1], sample.shape[2])
         if np.linalg.norm(elsewhere.placement.displacement_px(size), axis=1).max() <= MATTERS_PX:
             return blurred
-        left = [one.left(sample, one.redone(one.undone(sample))) for one in (elsewhere, blurred)]
+        left = [one._left_after(sample, _STEPS) for one in (elsewhere, blurred)]
         return elsewhere if left[0] < _EXPLAINS * left[1] else blurred
 
     @classmethod
@@ -216,11 +216,12 @@ class _Softening:
         if not self.placement.is_identity:
             return self._fitted(sample, self.undone(sample, _STEPS_OF_A_TRY))
 
-        def left(sigma_px: float) -> float:
-            return replace(self, sigma_px=sigma_px)._left_after(sample, _STEPS_OF_A_TRY)
-
-        bounds = self.sigma_px * (1 - _SIGMA_STEP), self.sigma_px * (1 + _SIGMA_STEP)
-        found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": _FINEST_PX})
+        found = minimize_scalar(
+            lambda sigma_px: replace(self, sigma_px=sigma_px)._left_after(sample, _STEPS_OF_A_TRY),
+            bounds=self.sigma_px * np.array([1 - _SIGMA_STEP, 1 + _SIGMA_STEP]),
+            method="bounded",
+            options={"xatol": _FINEST_PX},
+        )
         return replace(self, sigma_px=float(found.x))
 
     def _left_after(self, sample: F64, steps: int) -> float:

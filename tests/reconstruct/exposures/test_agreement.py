@@ -6,7 +6,7 @@ import numpy as np
 
 from gs2ci.reconstruct.exposures.places import confirmed, disagreeing, displacements_px, elsewhere
 from gs2ci.reconstruct.exposures.similarity import Similarity
-from gs2ci.reconstruct.exposures.tie import NotTied, Ties, Why
+from gs2ci.reconstruct.exposures.tie import Ties
 from tests.reconstruct.exposures.rooms import PLACES, UNITS, exposure, truly
 
 # In coordinates and a unit of the stage's own.
@@ -68,14 +68,13 @@ def test_what_sees_nothing_of_the_others_confirms_nothing(four):
     assert confirmed(four[:1], {0: Similarity.identity()})
 
 
-def test_what_a_stage_puts_among_others_and_shows_nothing_of_theirs_is_elsewhere(four, four_tied):
-    ties = Ties((*four_tied.all, NotTied("fifth", Why.NOTHING_SHARED)), None)
+def test_what_a_stage_puts_among_others_and_shows_nothing_of_theirs_is_elsewhere(four):
     stray = exposure("fifth", PLACES[1], seed=5, noise=0.02)
-    given = {**reported(), 4: reported()[1]}
-    assert elsewhere([*four, stray], ties, given) == [4]
+    given, agreed = {**reported(), 4: reported()[1]}, {0, 1, 2, 3}
+    assert elsewhere([*four, stray], agreed, given) == [4]
     # Of the same room it may stay, however it missed being tied; so may what lies where no other looks.
-    assert elsewhere([*four, four[1]], ties, given) == []
+    assert elsewhere([*four, four[1]], agreed, given) == []
     beside = replace(given[4], translation=given[4].translation + np.array([1e4, 0, 0]))
-    assert elsewhere([*four, stray], ties, {**given, 4: beside}) == []
-    # Of two exposures nobody tells which is elsewhere.
-    assert elsewhere([four[0], stray], Ties((four_tied.all[0], ties.all[4]), None), {0: given[0], 1: given[1]}) == []
+    assert elsewhere([*four, stray], agreed, {**given, 4: beside}) == []
+    # Where none agrees with another, nobody tells which is elsewhere.
+    assert elsewhere([*four, stray], set(), given) == []
