@@ -218,7 +218,7 @@ class _Softening:
 
         found = minimize_scalar(
             lambda sigma_px: replace(self, sigma_px=sigma_px)._left_after(sample, _STEPS_OF_A_TRY),
-            bounds=self.sigma_px * np.array([1 - _SIGMA_STEP, 1 + _SIGMA_STEP]),
+            bounds=(self.sigma_px * (1 - _SIGMA_STEP), self.sigma_px * (1 + _SIGMA_STEP)),
             method="bounded",
             options={"xatol": _FINEST_PX},
         )
