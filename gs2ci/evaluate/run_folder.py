@@ -49,7 +49,6 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
-from gs2ci.evaluate.drawings import write_motion_picture, write_registration_picture
 from gs2ci.evaluate.moments import MOMENTS_NAME, render_moments
 from gs2ci.evaluate.moments import moments as moment_times
 from gs2ci.evaluate.overview import write_overview
@@ -112,6 +111,9 @@ def write_run(
         if result.registered is not None:
             write_shots(partial / REGISTERED_NAME, [result.registered])
         if result.registered is not None and result.registration is not None:
+            # Matplotlib takes longer to import than all else here, and few runs need it.
+            from gs2ci.evaluate.drawings import write_registration_picture  # noqa: PLC0415
+
             write_registration_picture(partial / "registration.png", shot, result.registered, result.registration)
         write_run_page(partial)
     return folder
@@ -163,6 +165,8 @@ def _write_motion(folder: Path, result: RunResult, scene: Gaussians) -> None:
         return
     np.save(folder / "motion.npy", scene.motion.detach().float().numpy())
     np.save(folder / "displacement.npy", result.displacement)
+    from gs2ci.evaluate.drawings import write_motion_picture  # noqa: PLC0415  as above
+
     write_motion_picture(folder / MOTION_PICTURE_NAME, result.views[len(result.views) // 2], result.displacement)
 
 

@@ -1,4 +1,4 @@
-"""Ranks and their correlation are those of scipy; and no reconstruction waits for scipy's statistics."""
+"""Ranks and their correlation are those of scipy; and no reconstruction waits for scipy's statistics or matplotlib."""
 
 import subprocess
 import sys
@@ -24,10 +24,10 @@ def test_equal_numbers_have_no_order():
     np.testing.assert_array_equal(ranks(np.zeros(0)), [])
 
 
-def test_neither_a_reconstruction_nor_its_report_imports_scipys_statistics():
+def test_neither_a_reconstruction_nor_its_report_imports_scipys_statistics_or_matplotlib():
     code = (
         "import sys\n"
         "import gs2ci.reconstruct.pipeline, gs2ci.evaluate.run_folder\n"
-        "sys.exit('scipy.stats' in sys.modules)\n"
+        "sys.exit('scipy.stats' in sys.modules or 'matplotlib' in sys.modules)\n"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
