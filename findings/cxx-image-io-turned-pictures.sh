@@ -1,12 +1,11 @@
 #!/usr/bin/env bash
-# A good guess: cxx-image-io, which reads and writes cameras' raw and other pictures as NumPy arrays, raises an error for a file that it cannot read, so that
-# one can go on with the next, and writes a picture that was turned by NumPy as it looks. Found: for each failure it calls sys.exit(): the
-# program ends, past `except Exception`, at the first broken file or wrong type. And it writes the memory of an array row by row,
-# whatever its strides: a transposed picture, and every second column of one, come back scrambled, in the right shape.
+# A good guess: cxx-image-io, which reads and writes cameras' raw and other pictures as NumPy arrays, writes a picture that was turned by NumPy as it
+# looks. Found: it writes the memory of an array row by row, whatever its strides: a transposed picture, and every second column of one,
+# come back scrambled, in the right shape and without a word; copies of the same are right.
 set -euo pipefail
 folder=$(mktemp -d); trap 'rm -rf "$folder"' EXIT; cd "$folder"
 python3 -m venv v; v/bin/pip install --quiet --disable-pip-version-check cxx-image-io==1.1.7 numpy==2.4.6
-v/bin/python - <<'PY' 2>&1 | grep -v ^ERROR
+v/bin/python - <<'PY'
 from importlib.metadata import version
 from pathlib import Path
 
@@ -32,14 +31,4 @@ for name, view in (("as it is", picture), ("transposed", picture.T), ("every sec
     print(name, "has the first row", view[0], "and comes back as", read[0], read.shape)
     assert read.shape == view.shape and np.array_equal(back(np.ascontiguousarray(view)), view), "copies: the behaviour has changed"
 assert kept == {"as it is": True, "transposed": False, "every second column": False}, "views: the behaviour has changed"
-
-Path("broken.png").write_text("no picture")
-try:
-    read_image(Path("broken.png"))
-except Exception as error:
-    ended = repr(error)
-except SystemExit as end:
-    ended = f"SystemExit: {end}"
-print("a broken file:", ended)
-assert ended.startswith("SystemExit"), "failures: the behaviour has changed"
 PY
