@@ -137,12 +137,13 @@ def hand_over(
     least_noise = mean_power(noise_by_reading, holdout)
     noise = least_noise * by_factor
     refine = refine.with_noise(noise_by_reading)
-    blind = refine(mean)
+    in_full, by_share = refine.in_full_and_by_share(mean)
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
-    refined_views, notes = _polished_densely(holdout, blind, dense)
+    refined_views, notes = _polished_densely(holdout, by_share, dense)
+    polished_so_far = by_share if refined_views is None else refined_views.blind
+    del by_share  # here and below, what is as large as the views goes when it has done its part
     if refined_views is None:
-        refined_views = Candidate(blind, refine.by_all_pixels(mean))
-    del blind  # here and below, what is as large as the views goes when it has done its part
+        refined_views = Candidate(in_full, refine.by_all_pixels(mean))
     cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
@@ -157,7 +158,8 @@ def hand_over(
     # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
     alone = shares(holdout, {**candidates, **decode}, least_noise).get("decode", 0.0) >= _ALL_BUT
     if settings.polish is not None and not alone:
-        candidates["polished"] = _polished(holdout, refined_views.blind, settings.polish, noise_by_reading)
+        candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
+    del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
         candidates["decode"] = _decoded(first, settings, noise_by_reading)
     wanted = shares(holdout, candidates, noise)

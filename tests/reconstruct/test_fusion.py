@@ -168,8 +168,7 @@ def test_noise_is_not_put_back():
     truth = moving(sigma_px=3.0)
     mean = astray(truth, 0.02)
     first = look_at(truth, noise=0.3, share=0.4)  # many pixels: in so much noise few could not tell
-    none = np.zeros_like(first.holdout.shot.measurement)
-    refined = Refinement(first.holdout, SETTINGS.residual, none).by_all_pixels(mean)
+    refined = Refinement(first.holdout, SETTINGS.residual).by_all_pixels(mean)
     assert psnr(refined, truth) < psnr(mean, truth) - 3
     assert psnr(handed(first, mean).views, truth) > psnr(mean, truth) - 0.1
 

@@ -155,9 +155,9 @@ def decode_residual(
     return decode_signed(left_over, settings, noise=noise)
 
 
-def decode_left_over(shot: Shot, predicted: F32, settings: GapTvSettings) -> F32:
+def decode_left_over(shot: Shot, predicted: F32, settings: GapTvSettings, noise: F32 | None = None) -> F32:
     """Decode what a predicted measurement, [H, W, C], leaves of a shot's; results and errors as above."""
-    return decode_signed(_less(shot, predicted), settings)
+    return decode_signed(_less(shot, predicted), settings, noise=noise)
 
 
 def _less(shot: Shot, predicted: F32) -> Shot:

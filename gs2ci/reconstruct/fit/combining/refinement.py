@@ -1,19 +1,20 @@
-"""Refinement: the residual of a scene is decoded into views and added to the scene's views.
+"""Refinement: the residual of a scene is decoded into views, and a share of them is added to the scene's views.
 
-Without noise the residual is mostly detail that the scene lacks; in a noisy measurement it is mostly noise. So its
-decode weighs the noise of the readings, which is known from what the views leave of them.
+Here: the share. Not here: the decode (`decode.gap_tv`), the choice between the refined views, the scene's and the
+decode's (`fusion`).
 
-Here: these sums. Not here: the decode (`decode.gap_tv`), the noise (`measurement.noise`), the choice between the
-refined views, the scene's and the decode's (`fusion`).
+Without noise the residual is mostly detail that the scene lacks; in a noisy measurement it is mostly noise. How much of
+the decoded residual is added is one number, found by least squares at the held-out pixels. That estimate is too small
+for pixels that the decode sees, since their own readings are known, and it is uncertain, since these pixels are few.
+So the largest share is taken that the held-out pixels do not surely contradict. If that is still too large, the
+combination of the candidates corrects it.
 """
 
-from collections.abc import Sequence
+import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_left_over, decode_residual
-from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.noise import noise_of_readings
+from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
 
 class Refinement:
@@ -22,8 +23,7 @@ class Refinement:
     Args:
         holdout: The measurement, and its pixels that no decode may see; its repeats are decoded with it.
         settings: How the residual is decoded; None: nothing is added.
-        noise: Power of the noise in each reading, [H, W, C] as the measurement, which is not decoded; None: what the
-            views tell of it.
+        noise: Power of the noise in each reading, [H, W, C] as the measurement, which is not decoded; None: unknown.
 
     Raises:
         InputError: The settings make no sense.
@@ -43,25 +43,53 @@ class Refinement:
 
     def __call__(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32, without the held-out pixels, so that these may judge the result."""
-        return self._refined(self._holdout.every_seen, views)
-
-    def by_all_pixels(self, views: F32) -> F32:
-        """Refine views, [N, H, W, C] float32, by what all pixels leave: final ones, which no pixel judges any more."""
-        return self._refined(self._holdout.every_shot, views)
+        if self._settings is None:
+            return views
+        added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
+        return _plus(views, self.share(views, added), added)
 
     def decode(self, coded: F32) -> F32 | None:
         """Decode the whole residual of a coded image, [H, W, C], without the held-out pixels; None: nothing is added.
 
-        Repeats do not contribute: a fit is judged by what each exposure's own reading tells of it. Nor is noise weighed
-        here: what an early scene lacks would be taken for noise, and hide how the scene improves. With less of the
-        residual a fit of photographs (`fern_photos_wide`) once ended at its first look.
+        Repeats do not contribute: a fit is judged by what each exposure's own reading tells of it.
+        Running fits are judged by their views with all of it. With a fitted share, which compensates for what an early
+        scene lacks, the looks would hide how the scene improves; this ended a fit of photographs (`fern_photos_wide`)
+        at its first look.
         """
-        return None if self._settings is None else decode_left_over(self._seen, coded, self._settings)
+        return None if self._settings is None else decode_left_over(self._seen, coded, self._settings, self._noise)
 
-    def _refined(self, shots: Sequence[Shot], views: F32) -> F32:
+    def in_full_and_by_share(self, views: F32) -> tuple[F32, F32]:
+        """Refine views, [N, H, W, C] float32, by their whole residual and as a call does, with one decode."""
+        if self._settings is None:
+            return views, views
+        added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
+        in_full = views + added
+        return in_full, _plus(views, self.share(views, added), added)
+
+    def by_all_pixels(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32, by the whole residual decoded from all pixels.
+
+        For the final views, which the held-out pixels no longer judge.
+        """
         if self._settings is None:
             return views
-        noise = noise_of_readings(self._holdout, views) if self._noise is None else self._noise
-        added = decode_residual(shots, views, self._settings, noise)
-        added += views  # in place, since memory may not hold copies of a large shot
-        return added
+        return _plus(views, 1.0, decode_residual(self._holdout.every_shot, views, self._settings, self._noise))
+
+    def share(self, views: F32, added: F32) -> float:
+        """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""
+        if not self._holdout.pixels.any():
+            return 1.0
+        left, gained = self._holdout.residual_at_pixels(views), self._holdout.coded_at_pixels(added)
+        if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
+            return 1.0
+        power = float((gained**2).sum())
+        share = float((gained * left).sum()) / power
+        error = float(np.linalg.norm((gained * (left - share * gained)).sum(axis=1))) / power
+        return min(max(share + SURE * error, 0.0), 1.0)
+
+
+def _plus(views: F32, share: float, added: F32) -> F32:
+    """Return views + share * added, computed in `added`, since memory may not hold copies of a large shot."""
+    added *= np.float32(share)
+    added += views
+    return added
