@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
@@ -57,16 +59,21 @@ def tried_together(
         Gs2ciError: The exposures cannot be reconstructed together.
     """
     chosen = list(shots[: trial.exposures])
-    first = chosen[0]
-    # Its masks and readings as a registration corrects them, which views are coded by.
-    registered = register(first, trial.settings.registration, seed=seed)
-    pixels = choose_heldout(registered.shot, JUDGED_SHARE, seed ^ JUDGES, registered.averaged)
     began_s = clock()
-    # In no exposure: a repeat under the same masks would tell the judging readings.
-    joint = reconstruct_together([without_pixels(one, pixels) for one in chosen], replace(trial.settings, seed=seed))
+    # Before pixels are taken away, which would seem to be dark. Exposures under the same masks keep the same ones: they
+    # have to hold out the same pixels of their own.
+    registered = [register(one, trial.settings.registration, seed=seed) for one in chosen]
+    first, truth = registered[0].shot, chosen[0].truth
+    alike = [np.array_equal(one.masks, chosen[0].masks) for one in chosen]
+    right = [
+        replace(one.shot, masks=first.masks) if same else one.shot for one, same in zip(registered, alike, strict=True)
+    ]
+    # Of no exposure is a judging pixel seen: a repeat under the same masks would tell its reading.
+    pixels = choose_heldout(first, JUDGED_SHARE, seed ^ JUDGES, registered[0].averaged)
+    joint = reconstruct_together([without_pixels(one, pixels) for one in right], replace(trial.settings, seed=seed))
     seconds = clock() - began_s
-    part, truth = joint.parts[0], first.truth
-    lit = registered.shot.weights_by(part.brightness)
+    part = joint.parts[0]
+    lit = first.weights_by(part.brightness)
     coded = part.views if part.exposed_views is None else part.exposed_views
     path = truth.world_to_camera
     details: Row = {
@@ -76,7 +83,7 @@ def tried_together(
         "exposures": trial.exposures - len(joint.left_out),
         "capture_s": capture_s(chosen),
     }
-    judging = Holdout(replace(registered.shot, weights=lit, truth=truth), pixels)
+    judging = Holdout(replace(first, weights=lit, truth=truth), pixels)
     return figures(trial, seconds, Treated(part.views, coded, lit, details), judging)
 
 
