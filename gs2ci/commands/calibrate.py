@@ -5,7 +5,7 @@ Here: the arguments and what is shown. Not here: any measurement (`gs2ci_calibra
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
@@ -132,6 +132,7 @@ def _print_drift(changes: list["Change"], notes: tuple[str, ...]) -> None:
     Raises:
         CalibrationError: Something changed by more than allowed.
     """
+    from gs2ci_calibration.procedures import PROCEDURES
     from gs2ci_calibration.refusals import CalibrationError, Reason
 
     rows = []
@@ -146,8 +147,7 @@ def _print_drift(changes: list["Change"], notes: tuple[str, ...]) -> None:
         say(note)
     drifted = [change for change in changes if change.too_far]
     if drifted:
-        # In the order in which they need each other.
-        steps = [name for name in get_args(Step) if name in {change.step for change in drifted}]
+        steps = [name for name in PROCEDURES if name in {change.step for change in drifted}]
         update = "; or take shots with --no-probe and run `gs2ci calibrate update`" if "registration" in steps else ""
         raise CalibrationError(
             "check",

@@ -43,11 +43,9 @@ ALL_ROWS_AT_ONCE: Final = ("Global", "GlobalReset", "GlobalResetRelease")
 """Shutters under which all rows see all masks, the best first (SFNC 2.7, SensorShutterMode; docs.baslerweb.com,
 Sensor Shutter Mode): after a global reset rows end one after the other, in the dark behind the last mask."""
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
-SEQUENCERS: Final[Mapping[str, FeatureValue]] = {"SequencerMode": "Off", "SequenceEnable": False}
-"""They change other features from frame to frame, and lock them; the second is that of Basler's GigE cameras, which can
-be switched while automatic settings are off (docs.baslerweb.com, "Node SequenceEnable is not writable")."""
 NEUTRAL: Final[Mapping[str, FeatureValue | tuple[str, ...]]] = {
-    **SEQUENCERS,
+    "SequencerMode": "Off",
+    "SequenceEnable": False,
     "TriggerControlImplementation": "Standard",
     "ExposureTimeMode": ("Common", "Standard"),
     "BslExposureTimeMode": "Standard",
@@ -105,7 +103,9 @@ the camera (Allied Vision, GigE Camera and Drivers Features 3.0.0); AcquisitionF
 frame rate, AcquisitionFrameRateTargetEnable that of IDS. Exposures: an ultra-short mode ends them after microseconds
 (docs.baslerweb.com/exposure-time: "Common or Standard ... is the default setting"). Frames stay in a camera whose
 TransferControlMode is UserControlled (FLIR, Transfer Control; Lucid; Daheng). TriggerControlImplementation: by Legacy
-older Baslers call a frame's trigger AcquisitionStart (pylon, PLCamera)."""
+older Baslers call a frame's trigger AcquisitionStart (pylon, PLCamera). Sequencers change other features from frame to
+frame, and lock them; SequenceEnable is that of Basler's GigE cameras, which can be switched while automatic settings
+are off (docs.baslerweb.com, "Node SequenceEnable is not writable")."""
 TOGETHER: Final = {
     "AcquisitionFrameRateEnable": "AcquisitionFrameRate",
     "AcquisitionFrameRateEnabled": "AcquisitionFrameRate",

@@ -181,7 +181,11 @@ def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> Findings:
         for note in part.notes:
             key = (note.code, note.sentence)
             if shared[key] < len(parts):
-                own = {key: value for key, value in note.figures.items() if key not in ("name", "sentence", "code")}
+                own = {
+                    figure: value
+                    for figure, value in note.figures.items()
+                    if figure not in ("name", "sentence", "code")
+                }
                 found.append(finding(Code.OF_EXPOSURE, name=name, sentence=note.sentence, code=note.code, **own))
             elif key not in told:
                 found.append(note)

@@ -10,8 +10,9 @@ Here: which of the two places each exposure, their comparison, and what people a
 `tie`).
 """
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -22,9 +23,9 @@ from gs2ci.core.findings import Code, Findings, finding
 from gs2ci.reconstruct.exposures.corners import followed
 from gs2ci.reconstruct.exposures.observing import CommonPlace, ObservedExposure, PlacedExposure, by_stage
 from gs2ci.reconstruct.exposures.pairs import LEAST_FOUND, LEAST_SHARE, projected
-from gs2ci.reconstruct.exposures.pictures import MeanPicture, depths_of, pictures_of
+from gs2ci.reconstruct.exposures.pictures import depths_of, pictures_of
 from gs2ci.reconstruct.exposures.similarity import Similarity
-from gs2ci.reconstruct.exposures.tie import Tied, Ties, Untied, tie
+from gs2ci.reconstruct.exposures.tie import Pictures, Tied, Ties, Untied, tie
 from gs2ci.reconstruct.geometry.depth.view_depths import grid, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.motion import rays
@@ -72,20 +73,25 @@ def confirmed(exposures: Sequence[Untied], given: Mapping[int, Similarity]) -> b
         exposures: All of them.
         given: common_from_own of all, by index.
     """
-    pictures = {number: pictures_of(exposures[number].views, exposures[number].geometry) for number in given}
-    centres = {number: one.points(pictures[number][0].centre) for number, one in given.items()}
+    pictures = _pictures(exposures)
+    centres = {number: one.points(pictures(number)[0].centre) for number, one in given.items()}
     joined = {min(given)}
     # The nearest exposure that is not joined yet is compared with the nearest that is, so that all hang together.
     while len(joined) < len(given):
         pairs = [(one, other) for one in joined for other in given if other not in joined]
         one, other = min(pairs, key=lambda pair: float(np.linalg.norm(centres[pair[0]] - centres[pair[1]])))
-        if not _sees_the_same((pictures[one], pictures[other]), given[other].inverse.after(given[one])):
+        if not _sees_the_same((pictures(one), pictures(other)), given[other].inverse.after(given[one])):
             return False
         joined.add(other)
     return True
 
 
-def _sees_the_same(pictures: tuple[Sequence[MeanPicture], Sequence[MeanPicture]], other_from_one: Similarity) -> bool:
+def _pictures(exposures: Sequence[Untied]) -> Callable[[int], Pictures]:
+    """Return what gives the pictures of an exposure by its index: they are made when they are asked for, once."""
+    return cache(lambda number: pictures_of(exposures[number].views, exposures[number].geometry))
+
+
+def _sees_the_same(pictures: tuple[Pictures, Pictures], other_from_one: Similarity) -> bool:
     """Tell whether corners of the second are found where they should be in the pictures of the first."""
     matches, visible = followed(*pictures, other_from_one)
     if len(matches) < max(LEAST_FOUND, LEAST_SHARE * visible):
@@ -223,7 +229,7 @@ def _of_distinct(observed: Sequence[ObservedExposure]) -> _Found:
         del trusted[number]
     known = {**_by_pictures(ties, trusted), **trusted}
     # A stage's path is better than one that a decode shows; those tied by pictures have their paths and depths anew.
-    better = {number: ties.tied[number].geometry for number in sorted(known) if number not in trusted}
+    better = {number: ties.tied[number].geometry for number in known if number not in trusted}
     why = {number: one.why.value for number, one in ties.left_out.items()}
     return _Found({number: known[number] for number in sorted(known)}, better, why, off)
 
@@ -246,11 +252,10 @@ def elsewhere(exposures: Sequence[Untied], agreed: Set[int], given: Mapping[int,
 
     Those of which few corners should be seen by others may lie beside them, and stay.
     """
-    pictures = {number: pictures_of(exposures[number].views, exposures[number].geometry) for number in given}
-    found = []
-    for number in sorted(given.keys() - agreed):
+    pictures, found = _pictures(exposures), []
+    for number in given.keys() - agreed:
         seen = [
-            followed(pictures[number], pictures[k], given[k].inverse.after(given[number]))
+            followed(pictures(number), pictures(k), given[k].inverse.after(given[number]))
             for k in agreed & given.keys()
         ]
         if sum(len(matches) for matches, _ in seen) < LEAST_SHARE * sum(visible for _, visible in seen) >= LEAST_FOUND:
