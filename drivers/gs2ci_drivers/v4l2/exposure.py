@@ -5,9 +5,9 @@ and PIXEL_RATE. Vision Components' driver reports both and counts microseconds, 
 `libcamera` for it (vc_mipi_camera.c: vc_sd_s_ctrl, and device_property_read_bool for `libcamera_enabled`).
 
 NVIDIA's drivers for Jetson have controls of their own, whose numbers differ between releases and whose names do not
-(tegracam_ctrls.c: "Do not change the name field"): Exposure, mostly in microseconds (device trees, exposure_factor: "For
-convenience use 1 sec = 1000000us"), Frame Rate, which ends exposures at a frame's lines without a word (nv_imx219.c:
-"exposure limited by frame_length"), and Override Enable, without which neither is sent to the sensor at a start
+(tegracam_ctrls.c: "Do not change the name field"): Exposure, mostly in microseconds (device trees, exposure_factor:
+"For convenience use 1 sec = 1000000us"), Frame Rate, which ends exposures at a frame's lines without a word
+(nv_imx219.c: "exposure limited by frame_length"), and Override Enable, without which a start sends neither
 (tegracam_v4l2.c, v4l2sd_stream).
 
 Here: `ExposureControl` (seconds ↔ units of the control) and the unit. Not here: the measurement of the unit
