@@ -220,6 +220,7 @@ class _Capture:
     def _begin_with(self, mask: int) -> None:
         """Have the modulator begin with a mask; the upload put them on it in their order."""
         if mask != self._sequence.first:
+            self._trigger = self._next_trigger
             self._sequence = replace(self._sequence, first=mask)
             self._devices.modulator.disarm()
             self._devices.modulator.turn(mask)

@@ -176,7 +176,7 @@ class CaptureFile(SuspectFile):
         if order is None:
             return self.require("masks/calib", axes=3)
         read = {index: self.array("masks/calib", axes=3, row=index) for index in set(order)}
-        return np.stack([read[index] for index in order])
+        return np.stack([np.asarray(read[index]) for index in order])
 
     def order(self, row: int) -> list[int] | None:
         """Read which masks of the file a row was exposed under; None: all, as they stand.
