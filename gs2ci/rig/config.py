@@ -48,7 +48,7 @@ class CaptureTable(ConfigTable):
     masks: Count = 8
     """Masks shown during one exposure."""
     density: Fraction = 0.25
-    """Share of open pixels of a random binary mask."""
+    """Share of open pixels of a random binary mask. If `masks` times this is 2 or more, each element is open in one."""
     element: Count = 1
     """Sensor pixels per side of a random mask's elements."""
     seed: Annotated[int, Field(ge=0)] = 0
