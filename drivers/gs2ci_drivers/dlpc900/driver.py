@@ -218,11 +218,14 @@ class Dlpc900(Modulator):
         return PulseVerdict(False, "the gate is inverted", remedy, {"trigger_out_1": edges})
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
-        settings_s = (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
+        settings_s = self._do_turn_eta_s(sequence)
         digest = digest_masks(sequence)
         if digest == self._on_device:
             return settings_s
         return settings_s + self._encoded(sequence, digest).upload_s
+
+    def _do_turn_eta_s(self, sequence: PatternSequence) -> float:
+        return (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
 
     def _encoded(self, sequence: PatternSequence, digest: bytes) -> ImageSet:
         if self._images is None or self._images.digest != digest:
@@ -246,6 +249,10 @@ class Dlpc900(Modulator):
         self._on_device, self._used = images.digest, True
         progress(1.0)
         return 0 if keep else images.total_bytes
+
+    def _do_turn(self, sequence: PatternSequence) -> None:
+        """Send the entries in another order; the images stay where they are."""
+        self._do_upload(sequence, lambda share: None)
 
     def _wake(self) -> None:
         """Leave standby, parking and mirror idling: whoever uploads wants to use the device."""

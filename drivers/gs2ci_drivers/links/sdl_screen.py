@@ -75,6 +75,7 @@ class SdlScreen:
 
         Raises:
             OSError: ENODEV: there is none of that name, or it cannot be drawn on.
+            UnsupportedError: The session does not let a window be placed.
         """
         outputs = self.list_outputs()
         matching = [index for index, one in enumerate(outputs) if one.name == name] if name else [len(outputs) - 1]
@@ -83,6 +84,14 @@ class SdlScreen:
             named = ", ".join(repr(one.name) for one in outputs) or "none"
             raise OSError(errno.ENODEV, f"no video output {name!r}; there are: {named}")
         sdl, index, output = self._sdl, matching[0], outputs[matching[0]]
+        if sdl.SDL_GetCurrentVideoDriver() == b"wayland":
+            self.close()
+            raise UnsupportedError(
+                self._device,
+                "under Wayland no program can say on which output its window goes (libsdl-org/SDL issue 7197)",
+                asked=f"cover {output.name!r}",
+                remedy="log into a session of X, or set SDL_VIDEODRIVER=x11",
+            )
         bounds = sdl.SDL_Rect()
         sdl.SDL_GetDisplayBounds(index, ctypes.byref(bounds))
         flags = sdl.SDL_WINDOW_BORDERLESS | sdl.SDL_WINDOW_ALWAYS_ON_TOP | sdl.SDL_WINDOW_SHOWN
@@ -205,6 +214,7 @@ class SdlScreen:
         # Without a graphical session SDL would try other video drivers and might take one without a visible screen.
         if not any(os.environ.get(name) for name in SESSIONS):
             raise OSError(errno.ENODEV, f"no display: neither {' nor '.join(SESSIONS)} is set")
+        sdl2.SDL_SetHint(b"SDL_VIDEODRIVER", b"x11,wayland")  # sdl2-compat would begin with Wayland
         if sdl2.SDL_InitSubSystem(sdl2.SDL_INIT_VIDEO):
             raise OSError(errno.ENODEV, f"no display: {sdl2.SDL_GetError().decode()}; is DISPLAY set?")
         self._sdl = sdl2

@@ -229,6 +229,16 @@ def test_new_times_for_the_same_masks_cost_no_second_upload(bench: Bench) -> Non
     assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())), MASKS)
 
 
+def test_beginning_with_another_mask_sends_no_image_again(bench: Bench) -> None:
+    bench.run(SEQUENCE)
+    began_s = bench.world.clock.now_s()
+    bench.modulator.turn(3)
+    taken_s = bench.world.clock.now_s() - began_s
+    assert taken_s < 0.2
+    assert taken_s == pytest.approx(bench.modulator.turn_eta_s(SEQUENCE), abs=0.1)
+    assert bench.modulator.upload(SEQUENCE).payload_bytes == 0
+
+
 def test_fewer_masks_from_the_same_images_are_uploaded_anew(bench: Bench) -> None:
     bench.run(SEQUENCE)
     assert_shown(bench.run(replace(SEQUENCE, masks=MASKS[:4], repeats=1)), MASKS[:4])

@@ -246,6 +246,14 @@ def test_a_gamma_ramp_of_the_output_is_made_straight_told_and_put_back(screen, m
     other.close()
 
 
+def test_a_session_that_places_windows_itself_is_refused(screen, monkeypatch):
+    sdl2 = pytest.importorskip("sdl2")
+    monkeypatch.setattr(sdl2, "SDL_GetCurrentVideoDriver", lambda: b"wayland")
+    with pytest.raises(UnsupportedError, match=r"on which output its window goes.*SDL_VIDEODRIVER=x11"):
+        screen.open("")
+    monkeypatch.undo()
+
+
 def test_a_compositor_that_tells_nothing_is_named(screen, monkeypatch):
     screen.open("")
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
