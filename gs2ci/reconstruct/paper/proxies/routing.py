@@ -24,7 +24,6 @@ from gs2ci.reconstruct.threads import in_threads
 
 # ENI, energy-normalised initialisation: every view from its own samples of the normalised measurement.
 
-_Mask = Bool
 
 # A pixel counts as open under a grey mask, and as a sample of its view, from half of the mask's open level on. The open
 # level is a high percentile and not the maximum, so that one bright calibration pixel cannot change it.
@@ -92,7 +91,7 @@ def masked_measurements(shot: Shot) -> F32:
     return views
 
 
-def complete(values: F64, known: _Mask) -> F64:
+def complete(values: F64, known: Bool) -> F64:
     """Fill the unknown pixels of an image: linearly inside the convex hull of the known ones, nearest outside.
 
     Args:
@@ -119,7 +118,7 @@ def complete(values: F64, known: _Mask) -> F64:
     return filled
 
 
-def _samples(transmission: F64, counts: _Mask) -> _Mask:
+def _samples(transmission: F64, counts: Bool) -> Bool:
     """Find the pixels that a mask opens; all that count if it opens none."""
     light = transmission[transmission > 0]
     if not light.size:
