@@ -158,12 +158,6 @@ def multiplicity(shot: Shot) -> float:
     return float(np.tensordot(shot.weights.astype(np.float64), shot.masks.astype(np.float64).mean(axis=(1, 2)), 1))
 
 
-def multiplicity_error(shot: Shot) -> float:
-    """Return the standard error of `multiplicity`, if each pixel's sum of transmissions were drawn independently."""
-    sums = white_reading(shot)
-    return float(sums.std() / np.sqrt(sums.size))
-
-
 def route(shot: Shot) -> ProxyMethod:
     """Choose by the masks alone: ENI below a multiplicity of 4, AMDI from it on, within sampling error.
 
@@ -171,7 +165,10 @@ def route(shot: Shot) -> ProxyMethod:
         shot: With its calibrated masks: pixels closed later (held out, dead, hot) would make the multiplicity smaller
             than that of the masks' design.
     """
-    slack = max(_SAMPLING_ERRORS * multiplicity_error(shot), 1e-9)
+    sums = white_reading(shot)
+    # The multiplicity's standard error, if each pixel's sum of transmissions were drawn independently.
+    error = float(sums.std() / np.sqrt(sums.size))
+    slack = max(_SAMPLING_ERRORS * error, 1e-9)
     return "eni" if multiplicity(shot) < MULTIPLICITY_THRESHOLD - slack else "amdi"
 
 
