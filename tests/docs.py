@@ -229,6 +229,7 @@ def shot_schema() -> str:
         "meas_valid": {"dtype": {"const": "|u1"}, "shape": _axes(1)},
         "saturated": {"dtype": {"const": "|u1"}, "shape": _axes(3)},
         "masks/calib": {"dtype": {"enum": ["<f4", "|u1"]}, "shape": _axes(3)},
+        "masks/order": {"dtype": {"const": "<u2"}, "shape": _axes(2)},
         "calib/weights": {"dtype": {"const": "<f8"}, "shape": _axes(1)},
         "camera/intrinsics": {"dtype": {"const": "<f8"}, "shape": {"const": [3, 3]}},
         "camera/distortion": {"dtype": {"const": "<f8"}, "shape": {"const": [5]}},

@@ -88,6 +88,7 @@ class Taken:
         index: Which shot of the capture, from 0.
         frames: Its frames: 1, or one per mask in `Mode.PER_MASK`.
         trigger_index: Index of its first trigger in the capture.
+        first_mask: The mask that was shown first, from 0; the others follow in their order.
         stage_mm: Stage position in the middle of the time that each mask was exposed, [N, K] in the order of the
             stage's axes, or None.
         stage_target_mm: Where it should have been, [N, K], or None.
@@ -99,6 +100,7 @@ class Taken:
     index: int
     frames: tuple[Frame, ...]
     trigger_index: int
+    first_mask: int = 0
     stage_mm: F64 | None = None
     stage_target_mm: F64 | None = None
     stage_error_mm: float | None = None
@@ -134,7 +136,7 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
     setup = sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.trigger_mode))
     plan = lay_out(settings, modulator_info, sensor_info, setup, stage_info)
     try:
-        return with_upload(plan, modulator.upload_eta_s(plan.sequence))
+        return with_upload(plan, modulator.upload_eta_s(plan.sequence), modulator.turn_eta_s(plan.sequence))
     except DriverError:
         if plan.broken:  # the sequence cannot be sent for the reasons that the plan names
             return plan
@@ -181,6 +183,7 @@ class _Capture:
         self._trigger = 0  # the trigger being served
         self._next_trigger = 0
         self._taken = 0
+        self._sequence = plan.sequence
         # How long before the start of the travel to start the modulator; each fire corrects it for the next one.
         self._lead_s = devices.modulator.info.expected_start_s
         self._watch = None if devices.stage is None else StageWatch(devices.stage, plan, devices.clock)
@@ -190,7 +193,8 @@ class _Capture:
             with Steps() as steps:
                 self._prepare(steps)
                 self._progress.stage("shots", self._plan.settings.shots)
-                for _ in range(self._plan.fires):
+                for fire in range(self._plan.fires):
+                    self._begin_with(self._plan.first_mask(fire))
                     self._fire_with_retries()
                     if enough is not None and enough():
                         break
@@ -212,6 +216,14 @@ class _Capture:
             lambda: modulator.upload(self._plan.sequence, lambda share: progress.step(round(100 * share))),
         )
         steps.do("sensor on", sensor.start, sensor.stop)
+
+    def _begin_with(self, mask: int) -> None:
+        """Have the modulator begin with a mask; the upload put them on it in their order."""
+        if mask != self._sequence.first:
+            self._trigger = self._next_trigger
+            self._sequence = replace(self._sequence, first=mask)
+            self._devices.modulator.disarm()
+            self._devices.modulator.turn(mask)
 
     def _fire_with_retries(self) -> None:
         """Serve one start of the modulator; repeat it if frames or the stage's path were bad and the user allows it."""
@@ -237,7 +249,7 @@ class _Capture:
             devices.stage.stop()
         devices.sensor.stop()
         if devices.modulator.loaded is None:
-            devices.modulator.upload(self._plan.sequence)
+            devices.modulator.upload(self._sequence)
         devices.sensor.start()
 
     def _fire(self, attempt: int) -> None:
@@ -395,6 +407,7 @@ class _Capture:
                 index=self._taken,
                 frames=frames,
                 trigger_index=first_trigger,
+                first_mask=self._sequence.first,
                 stage_mm=stage_mm,
                 stage_target_mm=target_mm,
                 stage_error_mm=None if self._watch is None else self._watch.error_mm,

@@ -2,7 +2,7 @@
 
 The public methods check and keep the order of calls; a driver writes only the private `_do_*` hooks. The order:
 
-    connect → upload → arm → start → wait_done → disarm → close
+    connect → upload → (turn) → arm → start → wait_done → disarm → close
 
 Promises that every implementation keeps and `tests/contracts/test_modulator.py` tests: connecting changes
 nothing on the device; `disarm` may be called in any state and more than once; `close` may be called twice; every
@@ -135,6 +135,14 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         """
         return self._do_upload_eta_s(self.check(sequence))
 
+    def turn_eta_s(self, sequence: PatternSequence) -> float:
+        """Return how long `turn` will take, before the upload.
+
+        Raises:
+            OutOfRangeError, UnsupportedError: As `check`.
+        """
+        return self._do_turn_eta_s(self.check(sequence))
+
     def upload(self, sequence: PatternSequence, progress: UploadProgress | None = None) -> UploadReport:
         """Put a sequence on the device; the one before is lost, also when this fails.
 
@@ -145,9 +153,25 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         sequence = self.check(sequence)
         self._loaded, self._armed = None, False
         begin_s = self.clock.now_s()
-        payload_bytes = self._do_upload(sequence, progress or (lambda share: None))
+        payload_bytes = self._do_upload(replace(sequence, first=0), progress or (lambda share: None))
+        if sequence.first:
+            self._do_turn(sequence)
         self._loaded = sequence
         return UploadReport(sequence, payload_bytes, self.clock.now_s() - begin_s)
+
+    def turn(self, first: int) -> None:
+        """Let the loaded sequence begin with another mask, from 0; those before it follow after the last one.
+
+        Raises:
+            WrongStateError: Nothing is loaded.
+            OutOfRangeError: There is no such mask.
+            LinkError, RefusedError, DeviceFaultError: On the way; the sequence is lost then.
+        """
+        self._require_open("turn")
+        sequence = self.check(replace(self._require_loaded("turn"), first=first))
+        self._loaded, self._armed = None, False
+        self._do_turn(sequence)
+        self._loaded = sequence
 
     def arm(self) -> None:
         """Do all that takes time, so that the next `start` begins within `start_latency_s`.
@@ -156,10 +180,9 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
             WrongStateError: Nothing is loaded.
             LinkError, RefusedError, DeviceFaultError: The device cannot run the sequence.
         """
-        if self._loaded is None:
-            raise WrongStateError(self.name, "no sequence is loaded", asked="arm", remedy="call upload() first")
+        loaded = self._require_loaded("arm")
         self._require_open("arm")
-        self._do_arm(self._loaded)
+        self._do_arm(loaded)
         self._armed = True
 
     def start(self) -> None:
@@ -236,11 +259,12 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         Raises:
             WrongStateError: No sequence is loaded.
         """
+        return self._do_interpret_pulses(self._require_loaded("interpret pulses"), counted)
+
+    def _require_loaded(self, asked: str) -> PatternSequence:
         if self._loaded is None:
-            raise WrongStateError(
-                self.name, "no sequence is loaded", asked="interpret pulses", remedy="call upload() first"
-            )
-        return self._do_interpret_pulses(self._loaded, counted)
+            raise WrongStateError(self.name, "no sequence is loaded", asked=asked, remedy="call upload() first")
+        return self._loaded
 
     def other_polarity(self) -> PulseVerdict | None:
         """Return the keys of [modulator] that make the gate line active at its other level, as a verdict's settings.
@@ -274,7 +298,15 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
 
     @abstractmethod
     def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
-        """Send a checked sequence; return the bytes of pattern data sent."""
+        """Send a checked sequence, which begins with its first mask; return the bytes of pattern data sent."""
+
+    def _do_turn(self, sequence: PatternSequence) -> None:
+        """Begin with another mask: the masks are sent anew; overridden by drivers that need not do so."""
+        self._do_upload(sequence.in_order(), lambda share: None)
+
+    def _do_turn_eta_s(self, sequence: PatternSequence) -> float:
+        """Estimate the time of `_do_turn`; overridden with it."""
+        return self._do_upload_eta_s(sequence)
 
     @abstractmethod
     def _do_arm(self, sequence: PatternSequence) -> None:

@@ -5,7 +5,7 @@ them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.pat
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import ceil
 
@@ -127,6 +127,7 @@ class PatternSequence:
         pause_s: Dark time after the last mask of a pass, in which the sensor may read out.
         repeats: How many passes one `start` shows; 0 runs until `disarm`.
         trigger: What the trigger output does.
+        first: The mask with which a pass begins; those before it are shown after the last one.
     """
 
     masks: U8 | U16
@@ -136,6 +137,16 @@ class PatternSequence:
     pause_s: float = 0.0
     repeats: int = 1
     trigger: TriggerOut = TriggerOut.PER_EXPOSURE
+    first: int = 0
+
+    @property
+    def order(self) -> list[int]:
+        """Get the masks' indices in the order in which a pass shows them."""
+        return [(self.first + i) % self.count for i in range(self.count)]
+
+    def in_order(self) -> "PatternSequence":
+        """Return the same passes with the masks in the order in which they are shown."""
+        return self if self.first == 0 else replace(self, masks=self.masks[self.order], first=0)
 
     @property
     def count(self) -> int:
@@ -183,6 +194,9 @@ def check_sequence(device: str, info: ModulatorInfo, sequence: PatternSequence) 
         )
     if sequence.repeats < 0:
         raise OutOfRangeError(device, f"repeats = {sequence.repeats}", asked="upload", allowed="0 or more")
+    if not 0 <= sequence.first < sequence.count:
+        allowed = f"0 to {sequence.count - 1}"
+        raise OutOfRangeError(device, f"first = {sequence.first}", asked="upload", allowed=allowed)
 
 
 def _check_masks(device: str, info: ModulatorInfo, sequence: PatternSequence) -> None:

@@ -6,13 +6,16 @@ Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from math import ceil
+from math import ceil, gcd, sqrt
+from typing import Final
 
 from gs2ci.core.arrays import F64, U8, U16
 from gs2ci_drivers.axis import Sweep
 from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import TriggerMode
+
+_GOLDEN: Final = (3 - sqrt(5)) / 2
 
 
 class Mode(Enum):
@@ -84,6 +87,7 @@ class CaptureSettings:
         gated: Whether the sensor exposes as long as its line is held also in `Mode.PER_MASK`; `plan_capture` sets it
             for a sensor that has no other mode.
         measured: Whether the light of each mask was measured with these times, and not only drawn.
+        turned: Whether each start of the modulator begins with another mask, the order staying the same.
     """
 
     masks: U8 | U16
@@ -104,6 +108,7 @@ class CaptureSettings:
     continuous: bool = False
     ring: int = 0
     measured: bool = False
+    turned: bool = False
 
     def rounded_for(self, modulator: ModulatorInfo) -> "CaptureSettings":
         """Return the settings with the times for which the modulator will show masks and darkness between them."""
@@ -198,6 +203,17 @@ class CapturePlan:
         """Get how often the modulator is started."""
         return ceil(self.settings.shots / self.settings.burst)
 
+    def first_mask(self, fire: int) -> int:
+        """Return the mask with which a start of the modulator begins, from 0."""
+        return first_mask(fire, self.sequence.count) if self.turns else 0
+
+    @property
+    def turns(self) -> bool:
+        """Get whether starts of the modulator begin with different masks."""
+        asked = self.settings
+        several = asked.shots > asked.burst > 0 and self.sequence.count > 1
+        return asked.turned and several and asked.mode is not Mode.PER_MASK
+
     @property
     def frame_period_s(self) -> float:
         """Get the time between two triggers of one fire."""
@@ -224,6 +240,18 @@ def table(plan: CapturePlan) -> Sequence[tuple[str, str, str, str]]:
     ]
 
 
-def with_upload(plan: CapturePlan, upload_s: float) -> CapturePlan:
-    """Return the plan with the upload's estimate as a further line."""
-    return replace(plan, figures=(*plan.figures, Figure("upload", f"about {upload_s:.1f} s")))
+def with_upload(plan: CapturePlan, upload_s: float, turn_s: float) -> CapturePlan:
+    """Return the plan with the upload's estimate as a further line, and with that of beginning with another mask."""
+    then = f", and {turn_s:.1f} s to begin with another mask" if plan.turns else ""
+    return replace(plan, figures=(*plan.figures, Figure("upload", f"about {upload_s:.1f} s{then}")))
+
+
+def first_mask(start: int, count: int) -> int:
+    """Return the mask with which a start of the modulator begins if each begins with another one, from 0.
+
+    Over as many starts as masks each mask is shown once in each interval, and over fewer the same mask in intervals
+    that lie far apart: neighbouring views are alike, so that a code displaced by one interval tells less. So each
+    start goes on by a number without a common divisor with that of the masks, the one nearest to their golden section.
+    """
+    steps = (step for step in range(1, count) if gcd(step, count) == 1)
+    return start * min(steps, key=lambda step: abs(step - _GOLDEN * count), default=0) % count

@@ -5,6 +5,7 @@ pause, the stage's sweep, and a figure for each check (reference section 5). Not
 (`gs2ci_drivers.plan`), carrying the plan out (`gs2ci_drivers.acquisition`).
 """
 
+from dataclasses import replace
 from math import floor
 
 import numpy as np
@@ -28,6 +29,7 @@ ROWS_TOLERANCE = 0.02
 """Share of a mask that the last rows of a rolling shutter may miss: the weights of the masks are those of all rows."""
 LEAST_PARALLAX_PX = 0.4
 """What a turn of the camera explains of a path, so that near and far cannot be told (docs/stability.md)."""
+_LISTED_STARTS = 8
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
@@ -91,7 +93,8 @@ def lay_out(
         *_parallax_figures(settings, sequence, sweep),
     ]
     frames = len(settings.masks) if settings.mode is Mode.PER_MASK else 1
-    return CapturePlan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
+    plan = CapturePlan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
+    return replace(plan, figures=(*figures, *_order_figures(plan)))
 
 
 def _exposure(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> float:
@@ -181,6 +184,15 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             remedy="set `shots` and `burst`",
         ),
     ]
+
+
+def _order_figures(plan: CapturePlan) -> list[Figure]:
+    """Return a figure if each start of the modulator begins with another mask."""
+    if not plan.turns:
+        return []
+    first = ", ".join(str(plan.first_mask(fire) + 1) for fire in range(min(plan.fires, _LISTED_STARTS)))
+    more = ", ..." if plan.fires > _LISTED_STARTS else ""
+    return [Figure("first mask", f"another one in each start of the modulator: {first}{more}")]
 
 
 def _rounding_figures(asked: CaptureSettings, settings: CaptureSettings, info: ModulatorInfo) -> list[Figure]:

@@ -346,6 +346,10 @@ class ScreenPort(Protocol):
         """Cover an output, "" for the last one, with a dark window without frame or pointer."""
         ...
 
+    def straighten(self) -> list[str]:
+        """Undo what changes levels between a picture and the panel; return what did, and what may do so still."""
+        ...
+
     def flip(self, levels: U8) -> int:
         """Draw a picture, [H, W] grey, on the output, wait until it is shown, and return the time of that.
 

@@ -144,8 +144,8 @@ def design(
         rows = work.checked(rows, possible, checks, display)
     rows = _with_front(rows)
     best = possible[next(number for number, row in enumerate(rows) if row.chosen)]
-    made = with_capture(text, _numbers(table.capture, best.capture))
-    commands = _commands(places[0], best.candidate.exposures, best.capture.seed)
+    made = with_capture(text, _numbers(table.capture, best))
+    commands = _commands(places[0], best.candidate.exposures)
     found = Design(table.name, work.bench.scene.name, work.size, preset, tuple(rows), str(places[0]), commands, command)
     contents: tuple[str | bytes, ...] = (made, record(found), as_csv(found), picture(found))
     for place, content in zip(places, contents, strict=True):
@@ -172,19 +172,17 @@ def _places(output: Path, *, overwrite: bool) -> list[Path]:
     return places
 
 
-def _numbers(own: "CaptureTable", chosen: "CaptureTable") -> dict[str, int | float]:
-    """Return the numbers of [capture] that a chosen one changes."""
-    keys = ("masks", "density", "element", "mask_s", "from_mm", "to_mm", "shots", "burst")
+def _numbers(own: "CaptureTable", best: "Possible") -> dict[str, int | float]:
+    """Return the numbers of [capture] that a chosen candidate changes."""
+    chosen = best.capture.model_copy(update={"shots": best.candidate.exposures})
+    keys = ("masks", "density", "element", "mask_s", "from_mm", "to_mm", "shots", "burst", "turn_masks")
     return {key: getattr(chosen, key) for key in keys if getattr(chosen, key) != getattr(own, key)}
 
 
-def _commands(rig_file: Path, exposures: int, seed: int) -> tuple[str, ...]:
+def _commands(rig_file: Path, exposures: int) -> tuple[str, ...]:
     """Return what takes the exposures and reconstructs them."""
-    if exposures == 1:
-        return (f"gs2ci capture --rig {rig_file} -o shot.h5", "gs2ci reconstruct shot.h5 -o run/")
-    names = [f"shot-{number}.h5" for number in range(1, exposures + 1)]
-    taken = [f"gs2ci capture --rig {rig_file} --seed {seed + k} -o {name}" for k, name in enumerate(names)]
-    return (*taken, f"gs2ci reconstruct {' '.join(names)} --together -o run/")
+    together = " --together" if exposures > 1 else ""
+    return (f"gs2ci capture --rig {rig_file} -o shot.h5", f"gs2ci reconstruct shot.h5{together} -o run/")
 
 
 def _with_front(rows: "list[DesignRow]") -> "list[DesignRow]":
@@ -323,7 +321,9 @@ class _Work:
 
         count = of.candidate.exposures
         try:
-            shots = [self.bench.expose(of.capture, again * count + index) for index in range(count)]
+            # Checked once more, they have other masks.
+            capture = of.capture.model_copy(update={"seed": of.capture.seed + again})
+            shots = [self.bench.expose(capture, index) for index in range(count)]
             wanted = NovelViews(self.wanted.views, self.wanted.poses)
             found = checked(shots, wanted, self.bench.scene.intrinsics, self.preset, self.seed + again)
         except Gs2ciError as error:

@@ -48,7 +48,7 @@ class CaptureTable(ConfigTable):
     masks: Count = 8
     """Masks shown during one exposure."""
     density: Fraction = 0.25
-    """Share of open pixels of a random binary mask."""
+    """Share of open pixels of a random binary mask. If `masks` times this is 2 or more, each element is open in one."""
     element: Count = 1
     """Sensor pixels per side of a random mask's elements."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -68,6 +68,9 @@ class CaptureTable(ConfigTable):
     """Number of coded exposures, a multiple of `burst`."""
     burst: Count = 1
     """How many of them are taken in one sweep of the stage, or in one start of the modulator."""
+    turn_masks: bool = True
+    """Begin each start of the modulator with another mask: exposures of one path then tell more together, where those
+    under masks in one order only average noise."""
     axis: str = ""
     """Axis that moves during an exposure; "" keeps the camera still."""
     from_mm: float = 0.0
@@ -152,6 +155,9 @@ class WorldTable(ConfigTable):
     """Whether readings have noise."""
     stage_start_mm: float | None = None
     """Position of the stage's axes when it is switched on; without it, that of the twin."""
+    rest_mm: float | None = None
+    """Position of the swept axis from which the camera sees the scene as it was made; without it, the middle of the
+    travel, so that captures along other travels see the same."""
     trigger_latency_s: Delay = 0.0
     """True delay from a trigger's edge to the exposure."""
     trigger_jitter_s: Delay = 0.0

@@ -83,6 +83,7 @@ def _settings(rig: Rig, masks: NDArray[Any]) -> CaptureSettings:
         shots=capture.shots,
         burst=capture.shots if capture.continuous else capture.burst,
         continuous=capture.continuous,
+        turned=capture.turn_masks,
         ring=capture.ring,
         travel=travel,
         margin_s=capture.margin_s,

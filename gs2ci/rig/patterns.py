@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32, U8, U16
+from gs2ci.core.arrays import F32, U8, U16, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.opening import load_single
 from gs2ci.rig.config import CaptureTable, RegistrationTable
@@ -17,6 +17,11 @@ from gs2ci.rig.config import CaptureTable, RegistrationTable
 MOST_ROUNDED: Final = 0.05
 """Transmissions are rounded to the nearest level that a mask of the stated depth can show, by no more than this. Beyond
 it, grey masks would be shown as other ones: at one bit as binary ones."""
+
+
+SPREAD_FROM: Final = 1.9
+"""From so many open masks an element on, in the mean, each is opened. With fewer nearly all would be open in just one,
+and the masks' sum would lose the pattern by which they are found in a reading."""
 
 
 def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
@@ -45,9 +50,27 @@ def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
         return np.asarray(levels, dtype=np.uint16)
     rng = np.random.default_rng(np.random.SeedSequence(table.seed))
     side = table.element
-    is_open = rng.random((table.masks, *(-(-edge // side) for edge in size))) < table.density
+    is_open = _spread(rng.random((table.masks, *(-(-edge // side) for edge in size))) < table.density, rng)
     is_open = is_open.repeat(side, axis=1).repeat(side, axis=2)[:, : size[0], : size[1]]
     return np.asarray(np.where(is_open, top, 0), dtype=np.uint16)
+
+
+def _spread(masks: Bool, rng: np.random.Generator) -> Bool:
+    """Open elements that no mask opens in one of them, and close as many that are open elsewhere too.
+
+    What is behind an element that stays closed is never seen: of eight masks a quarter open, a tenth. No mask gets
+    lighter or darker. Masks that open less than twice as many elements as there are stay as they are drawn.
+    """
+    if masks.mean() * len(masks) < SPREAD_FROM:
+        return masks
+    spread = masks.reshape(len(masks), -1).copy()
+    closed = rng.permutation(np.flatnonzero(~spread.any(axis=0)))
+    for mask, wanting in zip(spread, np.array_split(closed, len(spread)), strict=True):
+        shared = np.flatnonzero(mask & (spread.sum(axis=0) > 1))
+        count = min(len(wanting), len(shared))
+        mask[rng.choice(shared, count, replace=False)] = False
+        mask[wanting[:count]] = True
+    return spread.reshape(masks.shape)
 
 
 def _read_codes(path: Path, size: tuple[int, int]) -> F32:

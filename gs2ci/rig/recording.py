@@ -224,6 +224,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         truth_views="f4" if truth else "",
         truth_poses=truth,
         truth_depth=truth,
+        mask_order=plan.turns,
         name=table.name,
         config=rig.text,
     )
@@ -337,6 +338,7 @@ class _Recorder:
         """Write one shot, and only then the log's line that it was taken."""
         for incident in taken.incidents:
             self._writer.event("incident", shot=taken.index, message=incident)
+        plan = self._prepared.plan
         for i, frame in enumerate(taken.frames):
             self._writer.append(
                 frame.pixels,
@@ -344,6 +346,7 @@ class _Recorder:
                 telemetry_world_to_camera=self._telemetry(taken),
                 truth=self._truth(frame),
                 saturated=self._unusable,
+                mask_order=replace(plan.sequence, first=taken.first_mask).order if plan.turns else None,
                 provenance=self._provenance(taken, i, frame),
             )
         self._log.note("shot", index=taken.index, attempts=taken.attempts, incidents=list(taken.incidents))
@@ -378,6 +381,10 @@ class _Recorder:
             origin["mask_index"] = i
         if self._carriage is not None:
             origin["telemetry"] = dict(self._carriage.provenance)
+            stage = self._devices.stage
+            if stage is not None and taken.stage_mm is not None:
+                place = self._carriage.origin(taken.stage_mm, tuple(stage.info.axes))
+                origin["telemetry"]["origin"] = [round(float(part), 9) for part in place]
         bench = None if plan.settings.continuous else self._rig.bench
         exposure = self._exposure_of(bench, frame) if bench else None
         if bench and bench.light and exposure:

@@ -194,7 +194,9 @@ def _stated_error_px(bundle: Bundle) -> float:
 def _check_same_masks(file: Path, shot: Shot, section: Section) -> None:
     stated = np.where(section.known, np.clip(section.array("masks"), 0, 1), 0)
     same = shot.masks.shape == stated.shape
-    if not same or float(np.abs(shot.masks - stated).max()) > _SAME_MASKS:
+    # Exposures of one capture begin with different masks.
+    turned = (np.roll(stated, -first, axis=0) for first in range(len(stated)))
+    if not same or not any(float(np.abs(shot.masks - masks).max()) <= _SAME_MASKS for masks in turned):
         raise CalibrationError(
             STEP,
             Reason.DOES_NOT_FIT,

@@ -5,14 +5,21 @@
 Rooms of seven tilted rectangles and two boxes, 72 × 96 px, eight views an exposure, random masks, a quarter open, poses
 reported by a stage without error (`tests/exposed_rooms.py`: rendered by the solver's renderer, without a light path).
 Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three,
-`GS2CI_PARTS=repeats,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of repeats,
-`GS2CI_DRAWS=0,1,2` repeats with other masks and noise than those of draw 0.
+`GS2CI_PARTS=repeats,orders,spread,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of
+repeats, `GS2CI_DRAWS=0,1,2` repeats with other masks and noise than those of draw 0.
 
 Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in each reading; 1, 2, 4 and 8 exposures. The
 last columns are scenes fitted to eight full views instead, read with the same noise: each exposed for one of the eight
 intervals of an exposure, and each for two, which is the light that the masks of a coded exposure let through.
 
-Determined: noise-free repeats decoded together, PSNR of a room's views without any denoiser and by GAP-TV, by how many.
+Orders: repeats under the same masks in one order, under the same masks of which each exposure begins with another one,
+as a capture shows them, and under fresh ones; 1 % noise, `draft`, PSNR of views and scene.
+
+Spread: one exposure and eight, each beginning with another mask, by masks as they are drawn and by a bench's, which
+open each element in one of them (`gs2ci.rig.patterns`); 1 % noise, `draft`, PSNR of views and scene.
+
+Determined: noise-free repeats decoded together, by fresh masks and by masks that begin with another one, PSNR of a
+room's views without any denoiser and by GAP-TV, by how many.
 
 Adjacent paths: four, side by side, 1 % noise. PSNR of recorded views and of the views in the middle of the gaps between
 the paths, the latter from the best single scene for each; path error (nATE) over all poses; error of depth, relative,
@@ -23,6 +30,7 @@ processor seconds.
 import os
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -51,14 +59,19 @@ from gs2ci.reconstruct.geometry.depth.view_depths import grid, in_picture, proje
 from gs2ci.reconstruct.geometry.path.motion import rays
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.observe import Tools
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.rig.config import CaptureTable
+from gs2ci.rig.patterns import draw_codes
+from gs2ci_drivers.plan import first_mask
 from gs2ci_sims.scene import Scene
-from tests.exposed_rooms import VIEWS, adjacent, between, camera, line, repeated, room, seen
+from tests.exposed_rooms import OPEN_SHARE, VIEWS, adjacent, between, camera, exposed, line, repeated, room, seen
 
 SIZE = (72, 96)
 COUNTS = tuple(int(count) for count in os.environ.get("GS2CI_COUNTS", "1,2,4,8").split(","))
+ORDERS = ("one order", "each begins with another mask", "fresh masks")
 DETERMINED = (1, 2, 4, 6, 8, 10, 12, 16)
 NOISE = 0.05
 HEADER = "adjacent paths: views, between dB; nATE; depth mean, median; at edges, seen by one path, elsewhere; seconds"
@@ -69,7 +82,7 @@ def run() -> None:
     """Print both tables."""
     first, last = (int(part) for part in os.environ.get("GS2CI_ROOMS", "0:3").split(":"))
     rooms = [(number, room(number, SIZE)) for number in range(first, last)]
-    parts = os.environ.get("GS2CI_PARTS", "repeats,determined,adjacent").split(",")
+    parts = os.environ.get("GS2CI_PARTS", "repeats,orders,spread,determined,adjacent").split(",")
     counts = "".join(f"{count:>8}" for count in COUNTS)
     if "repeats" in parts:
         print(f"repeats, draw {counts}   scene of 8   of 8 full views   of twice the light")
@@ -77,6 +90,16 @@ def run() -> None:
         for number, scene in rooms:
             for draw in draws:
                 print(f"room {number}, {draw}".ljust(14) + _repeats(number + 1000 * draw, scene), flush=True)
+    if "orders" in parts:
+        print(f"\nviews, scene dB: {', '.join(ORDERS)}")
+        for number, scene in rooms:
+            for count in COUNTS:
+                print(f"room {number}, {count}".ljust(14) + _orders(number, scene, count), flush=True)
+    if "spread" in parts:
+        print("\nviews, scene dB: as drawn, each element open in one mask at least")
+        for number, scene in rooms:
+            for count in (1, VIEWS):
+                print(f"room {number}, {count}".ljust(14) + _spread(number, scene, count), flush=True)
     if "determined" in parts:
         number, scene = rooms[0]
         _print_determined(number, scene)
@@ -89,9 +112,10 @@ def run() -> None:
 
 
 def _print_determined(number: int, scene: Scene) -> None:
-    print(f"\nnoise-free repeats of room {number}: without denoiser dB, GAP-TV dB")
+    print(f"\nnoise-free repeats of room {number}: without denoiser dB, GAP-TV dB; the same in other orders")
     for count in DETERMINED:
-        print(_determined(repeated(scene, SIZE, number, count)), flush=True)
+        made = _determined(repeated(scene, SIZE, number, count)), _determined(_turned(scene, number, count, 0.0))
+        print(f"{count:3}  {'  '.join(made)}", flush=True)
 
 
 def _settings() -> Settings:
@@ -102,7 +126,42 @@ def _settings() -> Settings:
 def _determined(shots: list[Shot]) -> str:
     plain = PlugAndPlaySettings(sigmas=(0.1,), iterations=100)
     decoded = plug_and_play(shots, lambda planes, sigma: planes, plain), gap_tv(shots)
-    return f"{len(shots):3}  " + "  ".join(f"{_psnr(views, shots[0]):6.2f}" for views in decoded)
+    return "  ".join(f"{_psnr(views, shots[0]):6.2f}" for views in decoded)
+
+
+def _turned(
+    scene: Scene, seed: int, count: int, noise: float, *, turned: bool = True, masks: F32 | None = None
+) -> list[Shot]:
+    """Expose one path several times by the same masks, in other orders or in one."""
+    masks = repeated(scene, SIZE, seed, 1)[0].masks if masks is None else masks
+    firsts = [first_mask(start, VIEWS) if turned else 0 for start in range(count)]
+    return [
+        exposed(scene, line(0.0), SIZE, 100 * seed + k, noise=noise, name=f"{k}", masks=np.roll(masks, -first, axis=0))
+        for k, first in enumerate(firsts)
+    ]
+
+
+def _orders(seed: int, scene: Scene, count: int) -> str:
+    same, turned = (_turned(scene, seed, count, 0.01, turned=turned) for turned in (False, True))
+    return _drafts(same, turned, repeated(scene, SIZE, seed, count, noise=0.01))
+
+
+def _spread(seed: int, scene: Scene, count: int) -> str:
+    table = CaptureTable(masks=VIEWS, density=OPEN_SHARE, seed=seed)
+    spread = draw_codes(table, SIZE, Path())
+    drawn = np.random.default_rng(np.random.SeedSequence(seed)).random((VIEWS, *SIZE)) < OPEN_SHARE
+    return _drafts(*(_turned(scene, seed, count, 0.01, masks=masks.astype(np.float32)) for masks in (drawn, spread)))
+
+
+def _drafts(*every: list[Shot]) -> str:
+    """Reconstruct lists of exposures together; return the PSNR of views and scene of each."""
+    settings, figures = preset("draft"), []
+    settings = replace(settings, registration=replace(settings.registration, mode="off"))
+    for shots in every:
+        parts = reconstruct_together(shots, settings).parts
+        views_db = float(np.mean([_psnr(part.views, shots[0]) for part in parts]))
+        figures.append(f"{views_db:8.2f} {_psnr(parts[0].scene_views, shots[0]):6.2f}")
+    return "".join(figures)
 
 
 def _repeats(seed: int, scene: Scene) -> str:

@@ -72,6 +72,30 @@ def test_weights_are_the_overlap_of_mask_and_exposure():
     assert plan(margin_s=0.005).weights == pytest.approx([1.0, 1.0, 1.0, 0.5], abs=2e-3)
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 8, 9, 12, 16])
+def test_turned_exposures_show_each_mask_once_in_each_interval(count):
+    turned = plan(masks=np.ones((count, 6, 8), np.uint8), shots=count, turned=True)
+    assert turned.turns
+    assert sorted(map(turned.first_mask, range(count))) == list(range(count))
+    assert turned.first_mask(count) == turned.first_mask(0) == 0
+
+
+def test_the_plan_names_the_masks_that_turned_exposures_begin_with():
+    eight = plan(masks=np.ones((8, 6, 8), np.uint8), shots=3, turned=True)
+    rows = {what: value for what, value, *_ in table(eight)}
+    assert rows["first mask"] == "another one in each start of the modulator: 1, 4, 7"
+
+
+@pytest.mark.parametrize(
+    "changes", [{"shots": 1}, {"shots": 4, "burst": 4}, {"shots": 2, "mode": Mode.PER_MASK}, {"shots": 2}]
+)
+def test_one_start_frames_of_single_masks_and_what_is_not_asked_for_are_not_turned(changes):
+    same = plan(turned=len(changes) > 1 or changes["shots"] == 1, **changes)
+    assert not same.turns
+    assert "first mask" not in {figure.what for figure in same.figures}
+    assert same.first_mask(1) == 0
+
+
 def test_a_burst_gets_the_pause_that_readout_needs():
     burst = plan(shots=4, burst=2, readout_s=3e-3)
     assert burst.sequence.pause_s == pytest.approx(3.02e-3 + CLOCK_TOLERANCE * burst.exposure_s, abs=2e-6)

@@ -15,6 +15,26 @@ def test_random_codes_have_their_density_and_depend_on_the_seed_alone(tmp_path):
     assert not np.array_equal(codes, draw_codes(CaptureTable(masks=4, seed=4), (100, 120), tmp_path))
 
 
+@pytest.mark.parametrize(("masks", "density", "element"), [(8, 0.25, 1), (8, 0.25, 3), (16, 0.5, 1), (4, 0.5, 1)])
+def test_each_element_is_open_in_one_mask_at_least_and_no_mask_gets_lighter(tmp_path, masks, density, element):
+    size = (60, 72)
+    table = CaptureTable(masks=masks, density=density, element=element, seed=5)
+    codes = draw_codes(table, size, tmp_path)
+    drawn = np.random.default_rng(np.random.SeedSequence(5)).random((masks, 60 // element, 72 // element)) < density
+    assert codes.any(axis=0).all()
+    assert not drawn.any(axis=0).all() or masks == 16
+    assert codes[:, ::element, ::element].sum(axis=(1, 2)).tolist() == drawn.sum(axis=(1, 2)).tolist()
+    assert np.array_equal(codes, codes[:, ::element, ::element].repeat(element, 1).repeat(element, 2))
+    # Their sum keeps a pattern by which they are found.
+    assert codes.sum(axis=0).std() > 0.4 * np.sqrt(masks * density)
+
+
+def test_masks_that_open_few_elements_stay_as_they_are_drawn(tmp_path):
+    codes = draw_codes(CaptureTable(masks=4, density=0.25, seed=5), (60, 72), tmp_path)
+    drawn = np.random.default_rng(np.random.SeedSequence(5)).random((4, 60, 72)) < 0.25
+    assert np.array_equal(codes, drawn)
+
+
 def test_grey_codes_use_the_whole_depth(tmp_path):
     assert set(np.unique(draw_codes(CaptureTable(bit_depth=8), (20, 20), tmp_path))) == {0, 255}
 

@@ -25,6 +25,26 @@ def test_a_capture_gives_the_measurement_that_the_masks_and_the_motion_make(make
         np.testing.assert_allclose(readings[row], small.expected_dn(row, shot.masks), rtol=0, atol=0.51)
 
 
+@pytest.mark.parametrize("kind", ["dlpc900", "scpi"])
+def test_each_exposure_begins_with_another_mask_and_its_row_says_so(make_small, kind):
+    small = make_small(modulator={"kind": kind}, capture={"shots": 4})
+    small.capture()
+    shots = [read_shot(small.out, row) for row in range(4)]
+    for row, first in enumerate((0, 1, 2, 3)):
+        np.testing.assert_array_equal(shots[row].masks, np.roll(shots[0].masks, -first, axis=0))
+        with h5py.File(small.out) as file:
+            reading = file["meas"][row].astype(float)
+        np.testing.assert_allclose(reading, small.expected_dn(row, shots[row].masks), rtol=0, atol=0.51)
+
+
+def test_masks_that_are_not_turned_are_the_same_in_each_exposure(make_small):
+    small = make_small(capture={"turn_masks": False})
+    small.capture()
+    with h5py.File(small.out) as file:
+        assert "masks/order" not in file
+    np.testing.assert_array_equal(read_shot(small.out, 2).masks, read_shot(small.out, 0).masks)
+
+
 def test_every_shot_of_a_sweep_sees_the_scene_from_the_same_places(make_small):
     small = make_small()
     small.capture()

@@ -25,6 +25,7 @@ from gs2ci_sims.wires.v4l2_controls import (
     CID_PIXEL_RATE,
     CID_VBLANK,
     INTEGER,
+    INTEGER64,
     MENU,
     NEXT_CONTROL,
     ControlBank,
@@ -39,7 +40,11 @@ from tests.twins.v4l2_processing import ARRAY, HAS_PAYLOAD, INACTIVE, TwinContro
 CAP_CAPTURE_MULTI, MULTI = 0x1000, 9
 WHICH_DEFAULT = 0x0F000000
 CID_EXPOSURE_AUTO, CID_EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
+CID_TEGRA_GAIN, CID_TEGRA_EXPOSURE, CID_TEGRA_RATE, CID_OVERRIDE = 0x009A2009, 0x009A200A, 0x009A200B, 0x009A2065
+INTEGER_MENU = 9
 AUTO_EXPOSURE_S = 1 / 30
+TABLE_EXPOSURE_S, TEGRA_MARGIN_S = 2495e-6, 75e-6
+"""The exposure of NVIDIA's mode tables, and four lines of an imx219 (nv_imx219.c: IMX219_MAX_COARSE_DIFF)."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,12 @@ class CameraModel(v4l2_camera.CameraModel):
         header_bytes: Header before the pixels of a plane (multi-plane only).
         max_buffers: Most buffers that the kernel gives.
         exposure: Its exposure control: in lines, in microseconds although line times are reported (vc_mipi_camera.c,
-            vc_sd_s_ctrl, unless the device tree has the property `libcamera`), in units of 100 µs, or none.
+            vc_sd_s_ctrl, unless the device tree has the property `libcamera`), in units of 100 µs, by NVIDIA's own
+            controls (theimagingsource.com, Configuring Sensor Settings: TEGRA_CAMERA_CID_EXPOSURE, integer64, µs;
+            alexian79's imx219 on a Jetson Nano, as v4l2-ctl lists its frame rate: 2000000 to 21000000), or none. A
+            start sends NVIDIA's only while override_enable is on (tegracam_v4l2.c, v4l2sd_stream), and the frame's
+            lines end an exposure, whatever the control says (nv_imx219.c, imx219_set_exposure).
+        rate_units: Units of NVIDIA's frame rate to a hertz: 1000 in VC MIPI's device trees.
         tree_trigger: The device tree's `trigger-mode`, which overrides the parameter (imx477_probe: trigger_mode_of).
         tree_known: Whether the device tree of the sensor is below /sys/bus/i2c, as on a Raspberry Pi.
         ignored_triggers: Edges lost after each start.
@@ -79,7 +89,8 @@ class CameraModel(v4l2_camera.CameraModel):
     multi_plane: bool = False
     header_bytes: int = 0
     max_buffers: int = 32
-    exposure: Literal["lines", "microseconds", "absolute", "none"] = "lines"
+    exposure: Literal["lines", "microseconds", "absolute", "tegra", "none"] = "lines"
+    rate_units: int = 1_000_000
     tree_trigger: int | None = None
     tree_known: bool = True
     ignored_triggers: int = 0
@@ -135,6 +146,10 @@ class OddBank(ControlBank):
     def exposure_s(self) -> float:
         if CID_EXPOSURE_AUTO in self and self[CID_EXPOSURE_AUTO] != 1:
             return AUTO_EXPOSURE_S
+        if CID_OVERRIDE in self:
+            frame_s = self._model.rate_units / self[CID_TEGRA_RATE]
+            overridden_s = min(self[CID_TEGRA_EXPOSURE] * 1e-6, frame_s - TEGRA_MARGIN_S)
+            return overridden_s if self[CID_OVERRIDE] else TABLE_EXPOSURE_S
         if CID_EXPOSURE in self:
             return self[CID_EXPOSURE] * 1e-6 if self._model.exposure == "microseconds" else super().exposure_s()
         return self[CID_EXPOSURE_ABSOLUTE] * 100e-6 if CID_EXPOSURE_ABSOLUTE in self else 5e-3
@@ -159,6 +174,12 @@ class OddBank(ControlBank):
             size = 2 if control.kind == ARRAY else len(control.data)
             elements = len(control.data) // size
         struct.pack_into("<IIII", argument, 72, flags, size, elements, dimensions)
+
+    def query_menu(self, argument: bytearray) -> None:
+        super().query_menu(argument)
+        cid, index = struct.unpack_from("<II", argument, 0)
+        if self._find(cid).kind == INTEGER_MENU:
+            struct.pack_into("<q24x", argument, 8, int(self._find(cid).menu[index]))
 
     def _exchange(self, control: PlainControl, payload: bytearray, at: int, which: int, *, write: bool) -> None:
         """Copy an array to or from the memory that the entry points to, as the kernel does.
@@ -189,6 +210,8 @@ class OddBank(ControlBank):
         for control in super()._made():
             if control.cid == CID_EXPOSURE and model.exposure == "microseconds":
                 control.high = 10_000_000
+            if model.exposure == "tegra" and control.cid in (CID_AUTOGAIN, CID_ANALOGUE_GAIN):
+                continue
             if control.cid not in in_lines or model.exposure in ("lines", "microseconds"):
                 yield control
         if model.exposure == "absolute":
@@ -196,6 +219,12 @@ class OddBank(ControlBank):
             menu = {1: "Manual Mode", 3: "Aperture Priority Mode"}
             yield TwinControl(CID_EXPOSURE_AUTO, "Auto Exposure", MENU, 0, 3, 1, 3, 0, menu)
             yield TwinControl(CID_EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", INTEGER, 1, 10_000, 1, 157)
+        if model.exposure == "tegra":
+            yield TwinControl(CID_TEGRA_GAIN, "Gain", INTEGER64, 16, 170, 1, 16)
+            yield TwinControl(CID_TEGRA_EXPOSURE, "Exposure", INTEGER64, 13, 683_709, 1, 2495)
+            rates = (2 * model.rate_units, 21 * model.rate_units, 1, 21 * model.rate_units)
+            yield TwinControl(CID_TEGRA_RATE, "Frame Rate", INTEGER64, *rates)
+            yield TwinControl(CID_OVERRIDE, "Override Enable", INTEGER_MENU, 0, 1, 1, 0, 0, {0: "0", 1: "1"})
         if model.processing:
             yield from processing_controls()
 

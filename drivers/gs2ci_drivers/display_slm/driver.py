@@ -94,6 +94,12 @@ class DisplaySlm(Modulator):
             progress((i + 1) / sequence.count)
         return sent
 
+    def _do_turn(self, sequence: PatternSequence) -> None:
+        """Do nothing: the host shows the slots in the order that a sequence has."""
+
+    def _do_turn_eta_s(self, sequence: PatternSequence) -> float:
+        return 0.0
+
     def _show_memory(self) -> None:
         """Have the panel show its memory instead of its video input, unless it does: that takes 40 s."""
         if self._link.ask("VI") != _MEMORY_MODE:
@@ -118,8 +124,8 @@ class DisplaySlm(Modulator):
     def _step(self, sequence: PatternSequence) -> None:
         """Make the change that is due."""
         change, self._next_change = self._next_change, self._next_change + 1
-        slot = change // 2 % sequence.count
-        last_of_pass = slot == sequence.count - 1
+        place = change // 2 % sequence.count
+        slot, last_of_pass = sequence.order[place], place == sequence.count - 1
         if change % 2 == 0:
             late_s = self.clock.now_s() - self._change_s(sequence, change)
             if late_s > self.settings.late_s:

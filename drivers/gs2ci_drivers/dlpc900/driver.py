@@ -58,7 +58,7 @@ _CLOCK_TOLERANCE: Final = 1e-3
 _EXCHANGE_JITTER_S: Final = 5e-3
 # A setting with its answer takes two 1 ms frames: one for each entry and about twenty others, beside the image data.
 _EXCHANGE_S: Final = 2e-3
-_FIXED_EXCHANGES: Final = 20
+_FIXED_EXCHANGES: Final = 22
 # The start command and its answer over USB; a capture corrects this figure by its first frame.
 _TYPICAL_START_S: Final = 5e-3
 _TELLS_LEAST_SINCE: Final = 6  # major version of the firmware
@@ -218,11 +218,14 @@ class Dlpc900(Modulator):
         return PulseVerdict(False, "the gate is inverted", remedy, {"trigger_out_1": edges})
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
-        settings_s = (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
+        settings_s = self._do_turn_eta_s(sequence)
         digest = digest_masks(sequence)
         if digest == self._on_device:
             return settings_s
         return settings_s + self._encoded(sequence, digest).upload_s
+
+    def _do_turn_eta_s(self, sequence: PatternSequence) -> float:
+        return (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
 
     def _encoded(self, sequence: PatternSequence, digest: bytes) -> ImageSet:
         if self._images is None or self._images.digest != digest:
@@ -236,6 +239,7 @@ class Dlpc900(Modulator):
         self._running = None
         self._channel.take_error()
         self._wake()
+        keep = not self._unflip() and keep
         self._configure(sequence)
         if not keep:
             self._send_images(images, progress)
@@ -245,6 +249,10 @@ class Dlpc900(Modulator):
         self._on_device, self._used = images.digest, True
         progress(1.0)
         return 0 if keep else images.total_bytes
+
+    def _do_turn(self, sequence: PatternSequence) -> None:
+        """Send the entries in another order; the images stay where they are."""
+        self._do_upload(sequence, lambda share: None)
 
     def _wake(self) -> None:
         """Leave standby, parking and mirror idling: whoever uploads wants to use the device."""
@@ -257,6 +265,26 @@ class Dlpc900(Modulator):
             # Idling must have lasted for a while before it may end (DLPU018, section 2.3.1.2).
             self.clock.sleep_s(self.settings.wake_s)
             channel.write(Command.IDLE_MODE, b"\0", "leave mirror idling")
+
+    def _unflip(self) -> bool:
+        """Undo flips that another program has left; return whether there were any: images have to be loaded again.
+
+        "In Structured Light mode, the image flip will take effect on the next bit-plane, image, or video frame load"
+        (API.c of TI's DLPC900 GUI, DLPC900_GetLongAxisImageFlip and DLPC900_GetShortAxisImageFlip).
+        """
+        found = False
+        for flip, axis in ((Command.FLIP_LONG, "long"), (Command.FLIP_SHORT, "short")):
+            try:
+                flipped = self._channel.read(flip, f"read the flip across the {axis} axis")[0] & 1
+            except RefusedError:  # it cannot flip
+                continue
+            if flipped:
+                self._channel.write(flip, b"\0", f"undo the flip across the {axis} axis")
+                self.incidents.append(
+                    f"{self.name}: pictures were flipped across the {axis} axis by another program, and no longer are"
+                )
+                found = True
+        return found
 
     def _configure(self, sequence: PatternSequence) -> None:
         channel, settings = self._channel, self.settings

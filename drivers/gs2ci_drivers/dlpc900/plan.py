@@ -23,8 +23,8 @@ def lut_entries(sequence: PatternSequence, leds: int = ALL_LEDS) -> list[LutEntr
     """Translate one pass of a sequence into its entries; the pause is the dark time of the last one."""
     last = sequence.count - 1
     entries = []
-    for i in range(sequence.count):
-        image_index, bit_position = place_of(i, sequence.bit_depth)
+    for i, mask in enumerate(sequence.order):
+        image_index, bit_position = place_of(mask, sequence.bit_depth)
         entries.append(
             LutEntry(
                 index=i,

@@ -46,7 +46,7 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
         self._setup: GenicamSetup | None = None
         self._camera_clock: CameraClock | None = None
         self._found_mode: str | None = None
-        self._cleared = False
+        self._cleared: GenicamSetup | None = None
 
     def _do_connect(self) -> SensorInfo:
         with self._noticing_loss():
@@ -55,12 +55,18 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _do_prepare(self) -> SensorInfo:
         with self._noticing_loss():
             identity = self._open()
-            if not self._streaming and not self._cleared:
-                self._remember_trigger()
-                GenicamSetup(self.name, self._features, self._options, self.incidents).clear()
-                self._cleared = True
+            # Once it is configured, its limits are those of a capture.
+            if not self._streaming and self._setup is None and self._cleared is None:
+                self._cleared = self._clear()
                 return describe_camera(self._features, identity, self._options)
         return self.info
+
+    def _clear(self) -> GenicamSetup:
+        """Reset what other programs left; return the set-up that has done so, for one configuration."""
+        self._remember_trigger()
+        setup = GenicamSetup(self.name, self._features, self._options, self.incidents)
+        setup.clear()
+        return setup
 
     def _open(self) -> CameraIdentity:
         if self._identity is None:
@@ -79,8 +85,7 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _do_configure(self, config: SensorConfig) -> SensorSettings:
         with self._noticing_loss():
             self._open()
-            self._remember_trigger()
-            self._setup = GenicamSetup(self.name, self._features, self._options, self.incidents)
+            self._setup, self._cleared = self._cleared or self._clear(), None
             settings = self._setup.apply(config)
         self._config = config
         return settings
@@ -90,7 +95,7 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
         with self._noticing_loss():
             if self._identity is None or self._setup is None:  # it had disappeared, and has lost its settings
                 self._open()
-                self._setup = GenicamSetup(self.name, self._features, self._options, self.incidents)
+                self._setup, self._cleared = self._clear(), None
                 self._setup.apply(self._config)
             self._camera_clock = CameraClock(self._port, self._features)
             try:
@@ -214,4 +219,4 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _let_go(self) -> None:
         self._halt()
         self._port.close()
-        self._identity, self._setup, self._checks, self._cleared = None, None, None, False
+        self._identity, self._setup, self._checks, self._cleared = None, None, None, None

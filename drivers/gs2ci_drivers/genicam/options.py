@@ -3,9 +3,9 @@
 Here: `GenicamOptions`. Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from gs2ci.core.config import SIMULATED, Count, Delay, Duration, Offset
 from gs2ci.core.records import CfaPattern
@@ -15,6 +15,24 @@ from gs2ci_drivers.sensor import StampMeaning
 
 ONLY = "only"
 """The `port` of the only camera that a producer lists."""
+
+_EXPOSURE = "the times in [capture]"
+SET_BY: Final = {
+    **dict.fromkeys(("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw", "ExposureTimeBaseAbs"), _EXPOSURE),
+    **dict.fromkeys(("ExposureMode", "TriggerMode", "AcquisitionMode"), "mode in [capture]"),
+    "PixelFormat": "format",
+    "Height": "height",
+    "Width": "width",
+    "OffsetY": "top",
+    "OffsetX": "left",
+    "TriggerSelector": "trigger_selector",
+    "TriggerSource": "trigger_line",
+    "TriggerActivation": "trigger_activation",
+    "TriggerOverlap": "trigger_overlap",
+    **dict.fromkeys(("TriggerDelay", "TriggerDelayAbs"), "trigger_delay_s"),
+}
+"""Features that a capture sets itself, each with what sets it: another value behind its back would be neither what
+frames are unpacked by nor what the plan has counted."""
 
 
 class GenicamOptions(CameraOptions):
@@ -51,7 +69,8 @@ class GenicamOptions(CameraOptions):
     """Further time from a trigger to the exposure, from the data sheet: opto-couplers take microseconds. What the
     camera tells itself (Basler: BslExposureStartDelay) is counted without it."""
     features: dict[str, bool | int | float | str] = Field(default_factory=dict)
-    """[sensor.features]: further features by name, written in this order."""
+    """[sensor.features]: further features by name, written in this order; what sizes depend on (Binning, Decimation,
+    Reverse) before the region."""
     exposure_offset_s: Offset | None = None
     """By how much an exposure is longer than configured, or than the line is held, from the data sheet; without it, by
     what the camera tells of it (Basler: BslEffectiveExposureTime), or 0."""
@@ -66,6 +85,13 @@ class GenicamOptions(CameraOptions):
     stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE
     """The event that a frame's time stamp marks: "start-of-exposure" by SFNC and by Basler's manuals;
     "start-of-frame" or "end-of-frame" on cameras that stamp later. `gs2ci doctor` measures it."""
+
+    @field_validator("features")
+    @classmethod
+    def _set_by_no_other(cls, features: dict[str, bool | int | float | str]) -> dict[str, bool | int | float | str]:
+        if taken := [f"{name} ({SET_BY[name]})" for name in features if name in SET_BY]:
+            raise ValueError(f"a capture sets these itself, by what stands behind each: {', '.join(taken)}")
+        return features
 
     @property
     def controls(self) -> dict[str, int]:

@@ -13,7 +13,7 @@ from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
-from gs2ci_drivers.genicam.leftovers import SHUTTERS, Leftovers
+from gs2ci_drivers.genicam.leftovers import SHUTTERS, TOGETHER, Leftovers
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, US, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.genicam.trigger import Trigger, selected
@@ -43,12 +43,19 @@ RATES: Final = (
 Acquisition Frame Rate"; its reciprocal is the shortest period of triggers), FLIR's, Allied Vision's (GigE Camera and
 Drivers Features 3.0.0: "the maximum frame rate possible for the current exposure duration and image format") and
 Balluff's (mvBlueFOX3, firmware 2.25: AcquisitionFrameRate is not available while its switch is off)."""
+RATE: Final = "AcquisitionFrameRate"
+REQUESTED_RATES: Final = (RATE, f"{RATE}Abs", f"{RATE}Target")
+"""The frame rate that holds triggers back where it is switched on (`leftovers.TOGETHER`), by its names."""
 LIMITS: Final[dict[str, tuple[str, FeatureValue]]] = {
     "DeviceLinkThroughputLimit": ("DeviceLinkThroughputLimitMode", "Off"),
     "StreamBytesPerSecond": ("StreamFrameRateConstrain", False),
 }
 """Limits of the link in bytes a second, each with the switch that says that it does not lower the frame rate: SFNC's,
 and that of Allied Vision's GigE cameras (GigE Camera and Drivers Features 2.0.0)."""
+SHAPES: Final = ("Binning", "Decimation", "Reverse")
+"""How features begin on which sizes and mosaics depend: they are set before these ("the settings for the image ROI
+refer to the binned lines and columns", docs.baslerweb.com/image-roi; WidthMax "takes into account horizontal binning,
+decimation", FLIR, Image Format Control; mirrored colours: docs.baslerweb.com/reverse-x-and-reverse-y)."""
 PACKET_HEADERS: Final = 36
 """Bytes of a GigE Vision packet that are no data: 20 of IP, 8 of UDP, 8 of GVSP (GigE Vision 1.2; aravis 98c2d790,
 arvgvspprivate.h, ARV_GVSP_PACKET_PROTOCOL_OVERHEAD)."""
@@ -143,6 +150,7 @@ class GenicamSetup:
         self.chunks: tuple[str, ...] = ()
         self.settings: SensorSettings | None = None
         self._trigger = Trigger(device, features, options, incidents)
+        self._leftovers: Leftovers | None = None
 
     def clear(self) -> Leftovers:
         """Switch triggers off and reset what other programs left, which limits exposures and sizes, too.
@@ -155,23 +163,23 @@ class GenicamSetup:
         decibels = unit == "dB" if unit else None
         leftovers = Leftovers(self._device, self._features, self._options.features, self._incidents, decibels=decibels)
         leftovers.reset()
+        self._leftovers = leftovers
         return leftovers
 
     def apply(self, config: SensorConfig) -> SensorSettings:
-        """Apply the configuration; a setting that limits others is set before them.
+        """Apply the configuration, once `clear` has been called; a setting that limits others is set before them.
 
         Raises:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
-        leftovers = self.clear()
+        leftovers = self._leftovers or self.clear()
+        self._write_features(shaping=True)
         self.form = self._set_format(config.fourcc)
         height, width = self._set_region(config)
+        self._write_features(shaping=False)
         exposure_s = self._set_exposure(config)
         self._set_gain(config.gain_db)
-        for name, value in self._options.features.items():
-            in_force = self._features.write(name, value)
-            if in_force != value:
-                self._incidents.append(f"{self._device}: {name} = {value} was requested, {in_force} is set")
+        self._note_others()
         self.chunks = self._set_chunks()
         readout_s = self._readout_s(config.trigger)
         recorded = leftovers.record()
@@ -200,6 +208,24 @@ class GenicamSetup:
             DriverError: As `apply`.
         """
         self._trigger.set(mode)
+
+    def _write_features(self, *, shaping: bool) -> None:
+        """Write the requested features on which sizes and mosaics depend, or the others, in the rig file's order."""
+        for name, value in self._options.features.items():
+            if name.startswith(SHAPES) == shaping:
+                in_force = self._features.write(name, value)
+                found = self._features.find(name)
+                if in_force != value and found is not None and found.selectors:
+                    self._incidents.append(f"{self._device}: {name} = {value} was requested, {in_force} is set")
+
+    def _note_others(self) -> None:
+        """Note the requested features that have another value, whether the camera or the capture has changed it."""
+        for name, value in self._options.features.items():
+            found = self._features.find(name)
+            if found is None or not found.readable or found.selectors:  # which entry was meant is not known any more
+                continue
+            if (in_force := self._features.read(name)) != value:
+                self._incidents.append(f"{self._device}: {name} = {value} was requested, {in_force} is set")
 
     def _set_format(self, name: str) -> PfncFormat:
         if name:
@@ -360,20 +386,29 @@ class GenicamSetup:
         Args:
             taken_s: How long exposure and readout of a frame take.
         """
-        size = self._features.number("PayloadSize")
-        if not size:
-            return 0.0
+        size = self._features.number("PayloadSize") or 0.0
         limits = [(size / limit, f"{name} is {limit / 1e6:g} MB/s", name) for name, limit in self._limits_in_force()]
         delayed_s = self._delays_s(size)
         limits.append((delayed_s, f"GevSCPD adds {delayed_s * 1e3:.3g} ms between a frame's packets", "GevSCPD"))
+        limits += self._requested_rates()
         link_s, words, name = max(limits)
         if link_s > taken_s:
             self._incidents.append(
-                f"{self._device}: {words}: a frame takes {link_s * 1e3:.3g} ms to leave the camera, longer than the "
-                f"{taken_s * 1e3:.3g} ms of its exposure and readout, and earlier triggers would be lost; plans keep "
+                f"{self._device}: {words}: frames are {link_s * 1e3:.3g} ms apart at least, longer than the "
+                f"{taken_s * 1e3:.3g} ms of exposure and readout, and earlier triggers would be lost; plans keep "
                 f"to it, {name} in [sensor.features] can change it"
             )
         return link_s
+
+    def _requested_rates(self) -> list[tuple[float, str, str]]:
+        """Return period, words and name of a frame rate that the rig file requests: triggers are held to it, too."""
+        requested, found = self._options.features, []
+        switches = [one for one in TOGETHER if one.startswith(RATE) and self._features.has(one)]
+        off = any(self._features.read(one) in (False, "Off") for one in switches)
+        for name in () if off or not any(one.startswith(RATE) for one in requested) else REQUESTED_RATES:
+            if rate_hz := self._features.number(name):
+                found.append((1 / rate_hz, f"{name} is {rate_hz:g} Hz", name))
+        return found
 
     def _limits_in_force(self) -> list[tuple[str, float]]:
         features, found = self._features, []

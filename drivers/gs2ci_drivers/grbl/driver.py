@@ -94,7 +94,20 @@ class GrblStage(Stage):
         return SAMPLE_GAP_S
 
     def _do_connect(self) -> StageInfo:
-        status = self._come_to_rest(self._link.await_boot())
+        try:
+            first = self._link.await_boot()
+        except NoAnswerError as error:
+            if other := self._link.other_firmware():
+                raise UnsupportedError(
+                    self.name,
+                    f"the board runs {other}",
+                    asked="connect",
+                    allowed="GRBL 1.1, grblHAL, FluidNC",
+                    remedy="install one of these on the board: printers' firmware does not tell where an axis is while "
+                    "it moves",
+                ) from error
+            raise
+        status = self._come_to_rest(first)
         self._build = ask_build(self._link, self.name, self._names)
         self._link.lock_s = self._build.lock_s
         for _ in range(OFFSET_REPORTS):

@@ -45,6 +45,8 @@ Before it, a controller that moved stands still for `$1` ms (stepper.c, st_go_id
 BARRIER = b"@\n$G\n"
 """`@` makes what a killed program left of a line one that no parser takes, so that it is not executed; the answer to
 `$G` is like no other, and comes when all lines before it have been executed."""
+ASK_NAME = b"\nM115\n"
+"""Firmware of printers names itself (Marlin, M115.cpp: "FIRMWARE_NAME:Marlin ..."; Smoothieware, RepRapFirmware)."""
 LINE_S = 0.05
 """From the first byte of a line to its last."""
 
@@ -100,6 +102,21 @@ class GrblLink:
             status = self.status("connect")
         self.restarted, self.suspicion = False, ""  # a restart before connecting is seen in the state
         return status
+
+    def other_firmware(self) -> str:
+        """Return how firmware of another kind names itself, which gives no answer to what GRBL is asked; "" if none.
+
+        Raises:
+            DisconnectedError: The port is gone.
+        """
+        self._lines.send(ASK_NAME, "M115")
+        deadline_s = self._clock.now_s() + REPLY_TIMEOUT_S
+        with suppress(NoAnswerError, BadReplyError):
+            while True:
+                _, named, told = self._next(deadline_s, "M115").partition("FIRMWARE_NAME:")
+                if named:
+                    return told.split(" SOURCE_CODE_URL")[0].strip()
+        return ""
 
     def reset(self) -> Status:
         """Reset the controller softly, and wait until it reports again; motion and homing end at once.

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import UnsupportedError
+from gs2ci_drivers.links.x11_levels import X11Levels
 from gs2ci_drivers.ports import ScreenOutput
 
 USUAL_HZ: Final = 60.0
@@ -54,6 +55,7 @@ class SdlScreen:
         self._pixels: NDArray[np.uint32] | None = None
         self._output: ScreenOutput | None = None
         self._due_ns = 0
+        self._levels: X11Levels | None = None
         self.synchronised = False
         """Whether the video driver waits for the refresh; otherwise this object does, by the clock."""
 
@@ -73,6 +75,7 @@ class SdlScreen:
 
         Raises:
             OSError: ENODEV: there is none of that name, or it cannot be drawn on.
+            UnsupportedError: The session does not let a window be placed.
         """
         outputs = self.list_outputs()
         matching = [index for index, one in enumerate(outputs) if one.name == name] if name else [len(outputs) - 1]
@@ -81,6 +84,14 @@ class SdlScreen:
             named = ", ".join(repr(one.name) for one in outputs) or "none"
             raise OSError(errno.ENODEV, f"no video output {name!r}; there are: {named}")
         sdl, index, output = self._sdl, matching[0], outputs[matching[0]]
+        if sdl.SDL_GetCurrentVideoDriver() == b"wayland":
+            self.close()
+            raise UnsupportedError(
+                self._device,
+                "under Wayland no program can say on which output its window goes (libsdl-org/SDL issue 7197)",
+                asked=f"cover {output.name!r}",
+                remedy="log into a session of X, or set SDL_VIDEODRIVER=x11",
+            )
         bounds = sdl.SDL_Rect()
         sdl.SDL_GetDisplayBounds(index, ctypes.byref(bounds))
         flags = sdl.SDL_WINDOW_BORDERLESS | sdl.SDL_WINDOW_ALWAYS_ON_TOP | sdl.SDL_WINDOW_SHOWN
@@ -105,8 +116,19 @@ class SdlScreen:
             raise self._broken("no texture")
         self._pixels = np.empty((output.height, output.width), np.uint32)
         self._output, self._due_ns = output, 0
+        if sdl.SDL_GetCurrentVideoDriver() == b"x11":
+            self._levels = X11Levels((bounds.x, bounds.y, bounds.w, bounds.h))
         self.flip(np.zeros((output.height, output.width), np.uint8))
         return output
+
+    def straighten(self) -> list[str]:
+        """Make the gamma ramp straight; see `ScreenPort`."""
+        if os.environ.get("WAYLAND_DISPLAY"):
+            return [
+                "a Wayland compositor draws the output and does not tell how: switch off its night light, colour "
+                "profile, HDR and scaling for this output, or log into a session of X"
+            ]
+        return [] if self._levels is None else self._levels.straighten()
 
     def flip(self, levels: U8) -> int:
         """Draw a picture and wait for its refresh; see `ScreenPort`.
@@ -135,6 +157,9 @@ class SdlScreen:
 
     def close(self) -> None:
         """Uncover the output; a second call does nothing."""
+        if self._levels is not None:
+            self._levels.close()
+            self._levels = None
         sdl, self._sdl, self._output = self._sdl, None, None
         if sdl is None:
             return
@@ -189,6 +214,7 @@ class SdlScreen:
         # Without a graphical session SDL would try other video drivers and might take one without a visible screen.
         if not any(os.environ.get(name) for name in SESSIONS):
             raise OSError(errno.ENODEV, f"no display: neither {' nor '.join(SESSIONS)} is set")
+        sdl2.SDL_SetHint(b"SDL_VIDEODRIVER", b"x11,wayland")  # sdl2-compat would begin with Wayland
         if sdl2.SDL_InitSubSystem(sdl2.SDL_INIT_VIDEO):
             raise OSError(errno.ENODEV, f"no display: {sdl2.SDL_GetError().decode()}; is DISPLAY set?")
         self._sdl = sdl2

@@ -66,7 +66,7 @@ def assert_shows(bench: TwinBench, shown: list[Any], sequence: PatternSequence) 
     rows, columns = 12 * bench.cell, 16 * bench.cell
     assert len(shown) == sequence.count * sequence.repeats
     for i, interval in enumerate(shown):
-        lit, levels = sequence.masks[i % sequence.count, :rows, :columns], interval.levels
+        lit, levels = sequence.masks[sequence.order[i % sequence.count], :rows, :columns], interval.levels
         # As shares of full transmission, whatever levels the device uses.
         shares = levels[:rows, :columns] / interval.top
         np.testing.assert_allclose(shares, lit / (2**sequence.bit_depth - 1), atol=5e-4)
@@ -110,6 +110,34 @@ def test_the_uploaded_masks_are_shown_in_order_and_in_time(bench: TwinBench, bit
     assert starts[sequence.count] == pytest.approx(sequence.period_s, abs=tolerance_s)
     durations = [interval.end_s - interval.start_s for interval in shown]
     np.testing.assert_allclose(durations, sequence.exposure_s, atol=tolerance_s)
+
+
+@pytest.mark.parametrize("bits", [1, 8])
+def test_a_turned_sequence_begins_with_another_mask_and_shows_all(bench: TwinBench, bits: int) -> None:
+    if bits not in bench.modulator.info.min_exposure_s:
+        pytest.skip(f"masks of {bits} bits are not among what it shows")
+    sequence = bench.modulator.check(bench.sequence(5, bits=bits, repeats=2))
+    bench.modulator.upload(sequence)
+    for first in (3, 1, 1, 0):
+        bench.modulator.turn(first)
+        turned = replace(sequence, first=first)
+        assert bench.modulator.loaded == turned
+        bench.modulator.arm()
+        begin_s = bench.world.clock.now_s()
+        bench.modulator.start()
+        bench.modulator.wait_done(sequence.duration_s + 1.0)
+        assert_shows(bench, list(bench.world.masks_between(begin_s, bench.world.clock.now_s())), turned)
+        bench.modulator.disarm()
+    assert_shows(bench, bench.play(replace(sequence, first=4)), replace(sequence, first=4))
+
+
+def test_a_mask_that_there_is_not_begins_no_sequence(bench: TwinBench) -> None:
+    with pytest.raises(WrongStateError, match=r"turn.*call upload\(\) first"):
+        bench.modulator.turn(1)
+    bench.modulator.upload(bench.sequence(4))
+    for first in (-1, 4):
+        with pytest.raises(OutOfRangeError, match=r"modulator0.*allowed: 0 to 3"):
+            bench.modulator.turn(first)
 
 
 def test_dark_times_lie_between_masks(bench: TwinBench) -> None:

@@ -4,6 +4,12 @@ V4L2_CID_EXPOSURE has no unit by the manual. Sensor drivers of the kernel count 
 and PIXEL_RATE. Vision Components' driver reports both and counts microseconds, unless the device tree has the property
 `libcamera` for it (vc_mipi_camera.c: vc_sd_s_ctrl, and device_property_read_bool for `libcamera_enabled`).
 
+NVIDIA's drivers for Jetson have controls of their own, whose numbers differ between releases and whose names do not
+(tegracam_ctrls.c: "Do not change the name field"): Exposure, mostly in microseconds (device trees, exposure_factor:
+"For convenience use 1 sec = 1000000us"), Frame Rate, which ends exposures at a frame's lines without a word
+(nv_imx219.c: "exposure limited by frame_length"), and Override Enable, without which a start sends neither
+(tegracam_v4l2.c, v4l2sd_stream).
+
 Here: `ExposureControl` (seconds ↔ units of the control) and the unit. Not here: the measurement of the unit
 (`gs2ci.rig.trigger_check`), controls themselves (`controls`).
 """
@@ -20,6 +26,15 @@ ABSOLUTE_UNIT_S: Final = 100e-6
 MICROSECOND_S: Final = 1e-6
 VBLANK_MARGIN_LINES: Final = 16
 """Lines left between exposure and frame length when VBLANK is raised; sensors need 4 to 13."""
+OVERRIDE: Final = "override_enable"
+"""The switch by which NVIDIA's sensor drivers are recognised."""
+PRIVATE_CAMERA: Final = 0x009A2000
+"""The first number of NVIDIA's controls (tegra-v4l2-camera.h: V4L2_CTRL_CLASS_CAMERA | 0x2000)."""
+FRAME_MARGIN_S: Final = 1e-3
+"""By how much a frame has to be longer than its exposure: 4 to 32 lines, which take up to 30 us each."""
+MICROHERTZ: Final = 1_000_000
+"""From this on a default frame rate is in units of 1e-6 Hz, as NVIDIA's; below it, in 1e-3 Hz, as VC MIPI's (device
+trees: framerate_factor)."""
 VC_CONTROLS: Final = frozenset({"trigger_mode", "single_trigger", "io_mode"})
 """The controls by which Vision Components' driver is recognised: capture nodes do not name the sensor's driver."""
 VC_TREES: Final = "/sys/bus/i2c/drivers/vc*mipi*/*/of_node/"
@@ -82,15 +97,26 @@ class ExposureControl:
 
     Args:
         table: Where the controls are.
-        control: EXPOSURE or EXPOSURE_ABSOLUTE.
+        control: EXPOSURE, EXPOSURE_ABSOLUTE or NVIDIA's.
         unit: Unit of the control.
         in_lines: Whether it counts lines, so that a frame of more lines allows longer exposures.
+        switch: What has to be on for the exposure to have an effect (NVIDIA's Override Enable).
     """
 
-    def __init__(self, table: ControlTable, control: Control, unit: ExposureUnit, *, in_lines: bool) -> None:
+    def __init__(
+        self,
+        table: ControlTable,
+        control: Control,
+        unit: ExposureUnit,
+        *,
+        in_lines: bool = False,
+        switch: Control | None = None,
+    ) -> None:
         self._table = table
         self._control = control
         self._in_lines = in_lines
+        self._switch = switch
+        self._rate = table.find("frame_rate") if switch is not None else None
         self.unit_s = unit.seconds
         self.unsettled = unit.unsettled
 
@@ -112,13 +138,17 @@ class ExposureControl:
             if unit is not None:
                 return cls(table, control, unit, in_lines=unit.seconds != MICROSECOND_S)
         if absolute is not None and absolute.settable:
-            return cls(table, absolute, ExposureUnit(ABSOLUTE_UNIT_S), in_lines=False)
+            return cls(table, absolute, ExposureUnit(ABSOLUTE_UNIT_S))
+        own, switch = table.find("exposure"), table.find(OVERRIDE)
+        if own is not None and switch is not None and own.settable and own.cid > PRIVATE_CAMERA:
+            return cls(table, own, ExposureUnit(unit_s or MICROSECOND_S), switch=switch)
         return None
 
     @property
     def controls(self) -> frozenset[int]:
         """Get the numbers of the controls that setting an exposure may change."""
-        return frozenset({self._control.cid} | ({abi.Cid.VBLANK} if self._in_lines else set()))
+        others = {one.cid for one in (self._switch, self._rate) if one is not None}
+        return frozenset({self._control.cid} | others | ({abi.Cid.VBLANK} if self._in_lines else set()))
 
     @property
     def min_s(self) -> float:
@@ -132,8 +162,15 @@ class ExposureControl:
 
     @property
     def max_s(self) -> float:
-        """Get the longest exposure in seconds, with longer frames if VBLANK can be set."""
-        return (self._control.maximum + self._spare_lines()) * self.unit_s
+        """Get the longest exposure in seconds, with longer frames if these can be set."""
+        longest_s = (self._control.maximum + self._spare_lines()) * self.unit_s
+        if self._rate is None:
+            return longest_s
+        return min(longest_s, self._rates_per_hz / max(1, self._rate.minimum) - FRAME_MARGIN_S)
+
+    @property
+    def _rates_per_hz(self) -> int:
+        return MICROHERTZ if self._rate is None or self._rate.default >= MICROHERTZ else 1000
 
     def _spare_lines(self) -> int:
         vblank = self._vblank()
@@ -153,6 +190,11 @@ class ExposureControl:
             DriverError: The controls cannot be set.
         """
         units = round(exposure_s / self.unit_s)
+        if self._switch is not None:
+            self._table.set(self._switch.cid, 1)
+        if self._rate is not None:
+            longest = int(self._rates_per_hz / (exposure_s + FRAME_MARGIN_S))
+            self._table.set(self._rate.cid, min(self._rate.default, longest))
         vblank = self._vblank()
         if vblank is not None:  # whatever it was before, the same exposure is taken in the same frame
             self._table.set(vblank.cid, vblank.default)

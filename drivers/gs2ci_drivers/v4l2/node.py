@@ -46,6 +46,12 @@ _FAULTS: Final = {
     errno.ETIMEDOUT: "ETIMEDOUT: the device did not answer its kernel driver",
 }
 
+_PIPELINE: Final = (
+    "enable the links from the sensor to this node and give each pad on the way the sensor's own format, with "
+    "media-ctl: docs/bench.md has the commands for a Raspberry Pi 5"
+)
+"""What to do where the formats of a pipeline differ, or a link is off (rp1_cfe/cfe.c: media_pipeline_start)."""
+
 
 def allocate(layout: type[S]) -> tuple[S, bytearray]:
     """Allocate a zeroed structure; return it with the bytes that it is a view of."""
@@ -406,7 +412,12 @@ class VideoNode:
 
     def stream_on(self) -> None:
         """Start streaming; frame numbers restart."""
-        self.call(abi.Ioctl.STREAMON, self._type_argument(), "VIDIOC_STREAMON")
+        try:
+            self.call(abi.Ioctl.STREAMON, self._type_argument(), "VIDIOC_STREAMON")
+        except DeviceFaultError as error:
+            if isinstance(error.__cause__, OSError) and error.__cause__.errno in (errno.EPIPE, errno.ENOLINK):
+                error.remedy = _PIPELINE
+            raise
 
     def stream_off(self) -> None:
         """Stop streaming; every queued and filled buffer is dropped."""

@@ -15,7 +15,7 @@ from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.v4l2 import abi, leftovers
 from gs2ci_drivers.v4l2.controls import Applied, Control, ControlTable
-from gs2ci_drivers.v4l2.exposure import ExposureControl, counts_microseconds, line_time_s
+from gs2ci_drivers.v4l2.exposure import OVERRIDE, ExposureControl, counts_microseconds, line_time_s
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment, FrameGeometry, PixelFormat, bus_bits
 from gs2ci_drivers.v4l2.node import LARGEST_PX, Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
@@ -370,7 +370,8 @@ class OpenCamera:
         return table.set(control.cid, round(gain_db / self._options.gain_db_per_unit))
 
     def _gain_control(self) -> Control | None:
-        return self.controls.find(abi.Cid.ANALOGUE_GAIN) or self.controls.find(abi.Cid.GAIN)
+        found = self.controls.find(abi.Cid.ANALOGUE_GAIN) or self.controls.find(abi.Cid.GAIN)
+        return found or (self.controls.find("gain") if self.controls.find(OVERRIDE) else None)
 
     def _set_exposure(self, config: SensorConfig, width: int) -> float:
         """Set the exposure; return the one in force, in seconds."""

@@ -58,6 +58,7 @@ class VideoOut(Modulator):
         wanted = "" if self.settings.port == LAST else self.settings.port
         with port_errors(self.name, "open"):
             output = self._output = self._port.open(wanted)
+        self._straighten()
         period_s = 1 / output.refresh_hz
         outs = frozenset(TriggerOut) if self.settings.trigger_patch else frozenset({TriggerOut.NONE})
         return ModulatorInfo(
@@ -102,8 +103,15 @@ class VideoOut(Modulator):
             if self._output not in self._port.list_outputs():
                 raise DisconnectedError(self.name, asked, "the video output has been disconnected")
 
+    def _straighten(self) -> None:
+        """Undo what another program does to levels on their way to the panel, by now: a night light comes at dusk."""
+        with port_errors(self.name, "gamma ramp"):
+            notes = [f"{self.name}: {note}" for note in self._port.straighten()]
+        self.incidents += [note for note in notes if note not in self.incidents]
+
     def _do_arm(self, sequence: PatternSequence) -> None:
         self._require_output("arm")
+        self._straighten()
         self._go_dark()
 
     def _do_start(self, sequence: PatternSequence) -> None:

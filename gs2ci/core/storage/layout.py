@@ -14,6 +14,8 @@
                        saturation_dn; 2 all over: this row brought no map
     /masks/calib       [N, H, W] f4 transmissions in [0, 1]; or u1 with attr full_scale (1 for binary masks, 255
                        for 8-bit ones) where that is the same numbers: transmission = value / full_scale
+    /masks/order       [S, N] u2, optional: which of /masks/calib, then [M, H, W], each row was exposed under, in the
+                       order of exposure; without it every row was exposed under all of them as they stand
     /masks/bits /masks/contrast                  as shown by the modulator; off/on ratio of each pixel
     /calib/weights     [N] f8, share of its nominal interval during which each mask was exposed
     /calib/{dark,flat,off}[_var] [H, W] f4, /calib/affine [2, 3] f8    optional
@@ -98,7 +100,8 @@ class CaptureHeader:
     Args:
         rows: How many exposures the file has room for, S.
         channels: 3 for RGB readings, 1 for mono or a colour mosaic.
-        masks: Transmissions, [N, H, W] float32 in [0, 1], in the order of exposure.
+        masks: Transmissions, [N, H, W] float32 in [0, 1], in the order of exposure; [M, H, W] where rows bring their
+            own order, M at most 65536.
         weights: Share of its interval during which each mask was exposed, [N] float32.
         reading: "u2" for raw camera counts (DN), "f4" for measurements already in another unit.
         offset_dn: Reading without light, DN.
@@ -114,6 +117,7 @@ class CaptureHeader:
         truth_views: How true views are stored: "" none, "f4", or "u1" (multiples of 1/255).
         truth_poses: Whether rows bring true poses.
         truth_depth: Whether rows bring true depth.
+        mask_order: Whether rows bring the order of their masks.
         saturated_map: Whether rows bring their own map of clipped pixels.
         calibration: Further static arrays; keys and dtypes as in `CALIBRATION`.
         name: For reports.
@@ -137,6 +141,7 @@ class CaptureHeader:
     truth_views: Literal["", "f4", "u1"] = ""
     truth_poses: bool = False
     truth_depth: bool = False
+    mask_order: bool = False
     saturated_map: bool = False
     calibration: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     name: str = "shot"
@@ -177,9 +182,13 @@ class CaptureHeader:
         """Make a dark shot with this header, so that what fits together is checked in one place."""
         height, width = self.masks.shape[1:] if self.masks.ndim == 3 else (1, 1)
         dark = np.zeros((height, width, self.channels), np.float32)
-        return Shot(
-            dark, self.masks, self.weights, cfa=self.cfa, intrinsics=self.intrinsics, distortion=self.distortion
-        )
+        masks = self.masks[: len(self.weights)] if self.mask_order else self.masks
+        return Shot(dark, masks, self.weights, cfa=self.cfa, intrinsics=self.intrinsics, distortion=self.distortion)
+
+    @property
+    def views(self) -> int:
+        """Get the number of views of one exposure, N."""
+        return len(self.weights)
 
     @property
     def row_shape(self) -> tuple[int, ...]:
@@ -243,7 +252,7 @@ def _create_static(file: h5py.File, header: CaptureHeader) -> None:
 
 
 def _create_rows(file: h5py.File, header: CaptureHeader) -> None:
-    rows, (views, height, width) = header.rows, header.masks.shape
+    rows, views, (height, width) = header.rows, header.views, header.masks.shape[1:]
     # Readings stay uncompressed: noise does not shrink, and a rig has no time to try. Checksums are cheap.
     meas = file.create_dataset(
         "meas", (rows, *header.row_shape), header.reading, chunks=(1, *header.row_shape), fletcher32=True
@@ -253,6 +262,8 @@ def _create_rows(file: h5py.File, header: CaptureHeader) -> None:
     meas.attrs["saturation_dn"] = float("nan") if header.saturation_dn is None else float(header.saturation_dn)
     meas.attrs["per_pixel"] = int(header.per_pixel)
     file.create_dataset("meas_valid", (rows,), "u1")
+    if header.mask_order:
+        file.create_dataset("masks/order", (rows, views), "u2")
     if header.saturated_map:
         shape = (rows, height, width)
         file.create_dataset("saturated", shape, "u1", chunks=(1, *shape[1:]), fillvalue=NO_MAP, **_packing())

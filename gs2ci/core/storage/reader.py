@@ -156,10 +156,9 @@ class CaptureFile(SuspectFile):
         measurement, saturated = self._measurement(row)
         record = self.record(row)
         cfa = self.text("camera/cfa")
-        masks = self.require("masks/calib", axes=3)
         return Shot(
             measurement=measurement,
-            masks=unpack(masks, self.number("masks/calib", "full_scale", 1.0)),
+            masks=unpack(self._masks(row), self.number("masks/calib", "full_scale", 1.0)),
             weights=self.require("calib/weights", axes=1).astype(np.float32),
             cfa=cfa,  # type: ignore[arg-type]  # Shot.check refuses any other text
             intrinsics=self.array("camera/intrinsics", axes=2),
@@ -170,6 +169,28 @@ class CaptureFile(SuspectFile):
             name=record["name"],
             provenance=record["provenance"],
         ).check()
+
+    def _masks(self, row: int) -> NDArray[Any]:
+        """Read the masks of a row as they are stored, in the order of exposure."""
+        order = self.order(row)
+        if order is None:
+            return self.require("masks/calib", axes=3)
+        read = {index: self.array("masks/calib", axes=3, row=index) for index in set(order)}
+        return np.stack([np.asarray(read[index]) for index in order])
+
+    def order(self, row: int) -> list[int] | None:
+        """Read which masks of the file a row was exposed under; None: all, as they stand.
+
+        Raises:
+            StorageError: The file holds no such masks.
+        """
+        held = self.dataset("masks/calib").shape[0]
+        order = self.array("masks/order", axes=2, row=row)
+        if order is None:
+            return None
+        if order.dtype.kind != "u" or not order.size or order.max() >= held:
+            raise self.wrong("masks/order", f"{order.dtype}, {order.tolist()} in row {row}", f"u2, 0 to {held - 1}")
+        return [int(index) for index in order]
 
     def _measurement(self, row: int) -> tuple[F32, Bool | None]:
         reading = self.array("meas", axes=self.dataset("meas").ndim, row=row)

@@ -20,6 +20,7 @@ from gs2ci.core.storage.writer import ShotWriter
 
 _IN_ROWS: Final = (
     "meas",
+    "masks/order",
     "saturated",
     "telemetry/world_to_camera",
     "truth/world_to_camera",
@@ -130,6 +131,7 @@ def _header(capture: CaptureFile, rows: list[int]) -> CaptureHeader:
         truth_views="" if views is None else "u1" if views.dtype == np.uint8 else "f4",
         truth_poses=capture.numbers("truth/world_to_camera") is not None,
         truth_depth=capture.numbers("truth/depth") is not None,
+        mask_order=capture.numbers("masks/order") is not None,
         saturated_map=capture.numbers("saturated") is not None,
         calibration={key: array for key, array in calibration.items() if array is not None},
         name=str(capture.file.attrs.get("name", "shot")),
@@ -153,6 +155,7 @@ def _row(capture: CaptureFile, row: int) -> dict[str, Any]:
         "frame": FrameRow(**frame),
         "telemetry_world_to_camera": capture.poses("telemetry/world_to_camera", row),
         "truth": Truth(capture.true_views(row), capture.poses("truth/world_to_camera", row), capture.true_depth(row)),
+        "mask_order": capture.order(row),
         "saturated": None if saturated is None or (saturated == NO_MAP).all() else saturated == 1,
         "name": record["name"],
         "provenance": record["provenance"],

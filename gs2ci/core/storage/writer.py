@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import StorageError, room_after
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import layout
@@ -90,6 +90,7 @@ class ShotWriter:
         telemetry_world_to_camera: F64 | None = None,
         truth: Truth | None = None,
         saturated: Bool | None = None,
+        mask_order: Sequence[int] | None = None,
         name: str = "",
         provenance: dict[str, Any] | None = None,
     ) -> int:
@@ -101,6 +102,7 @@ class ShotWriter:
             telemetry_world_to_camera: Poses as the stage reported them, [N, 4, 4].
             truth: What is known beforehand, in simulation.
             saturated: Clipped pixels, [H, W].
+            mask_order: Which of the header's masks it was exposed under, N indices in the order of exposure.
             name: For reports; empty: the header's name.
             provenance: Where this row came from.
 
@@ -120,7 +122,7 @@ class ShotWriter:
             )
         parts: dict[str, Any] = {"meas": self._reading(reading)}
         parts |= self._optional_parts(telemetry_world_to_camera, truth or Truth(), saturated)
-        parts |= self._frame_columns(frame or FrameRow())
+        parts |= self._order(mask_order) | self._frame_columns(frame or FrameRow())
         origin = {"name": name or self._header.name, "provenance": provenance or {}}
         parts["provenance"] = layout.to_json(origin, "provenance")
         check_room(self.partial, sum(np.asarray(value).nbytes for value in parts.values()))
@@ -258,7 +260,7 @@ class ShotWriter:
         raise StorageError(f"{self.partial}: row {self.rows_written}, {what}: {problem}", allowed=allowed)
 
     def _optional_parts(self, telemetry: F64 | None, truth: Truth, saturated: Bool | None) -> dict[str, Any]:
-        header, (views, height, width) = self._header, self._header.masks.shape
+        header, views, (height, width) = self._header, self._header.views, self._header.masks.shape[1:]
         channels = 3 if header.cfa else header.channels
         wanted: list[tuple[str, bool, NDArray[Any] | None, tuple[int, ...]]] = [
             ("telemetry/world_to_camera", header.telemetry, telemetry, (views, 4, 4)),
@@ -280,6 +282,17 @@ class ShotWriter:
             parts["truth/views_valid"] = 1
         return parts
 
+    def _order(self, order: Sequence[int] | None) -> dict[str, Any]:
+        header = self._header
+        if order is None and not header.mask_order:
+            return {}
+        held = len(header.masks)
+        known = order is not None and len(order) == header.views and all(0 <= index < held for index in order)
+        if not (header.mask_order and known):
+            said = f"{header.views} of 0 to {held - 1}" if header.mask_order else "what the header announces"
+            self._refuse("masks/order", f"{None if order is None else list(order)}", said)
+        return {"masks/order": np.asarray(order, dtype=np.uint16)}
+
     def _packed_views(self, views: NDArray[Any]) -> NDArray[Any]:
         if self._header.truth_views == "f4":
             return views
@@ -289,7 +302,7 @@ class ShotWriter:
 
     def _frame_columns(self, frame: FrameRow) -> dict[str, Any]:
         parts: dict[str, Any] = {f"frames/{column}": getattr(frame, column) for column in FRAME_COLUMNS}
-        views, axes = self._header.masks.shape[0], self._header.stage_axes
+        views, axes = self._header.views, self._header.stage_axes
         for key, position_mm in (("stage_pos", frame.stage_pos_mm), ("stage_target", frame.stage_target_mm)):
             if position_mm is None:
                 continue
@@ -305,14 +318,14 @@ def _close_quietly(file: h5py.File) -> None:
 
 
 def write_shots(path: Path, shots: Sequence[Shot], *, config: str = "") -> Path:
-    """Write finished measurements that share masks, weights, filter array and camera into one capture file.
+    """Write finished measurements that share weights, filter array and camera into one capture file.
 
     A finished file of that name is replaced, at once and whole. Reading a shot back gives the same numbers, bit
     for bit.
 
     Args:
         path: Final name, ends in .h5.
-        shots: One or several measurements.
+        shots: One or several measurements; a mask that several of them have is stored once.
         config: Text of the settings they were made with.
 
     Returns:
@@ -328,14 +341,16 @@ def write_shots(path: Path, shots: Sequence[Shot], *, config: str = "") -> Path:
     for shot in shots:
         shot.check()
     _check_alike(path, shots)
-    writer = ShotWriter(path, _header_of(shots, config), replace=True)
+    masks, orders = _distinct_masks(shots)
+    writer = ShotWriter(path, _header_of(shots, masks, config), replace=True)
     try:
-        for shot in shots:
+        for shot, order in zip(shots, orders, strict=True):
             writer.append(
                 shot.measurement,
                 telemetry_world_to_camera=shot.telemetry_world_to_camera,
                 truth=shot.truth,
                 saturated=shot.saturated,
+                mask_order=order,
                 name=shot.name,
                 provenance=shot.provenance,
             )
@@ -348,16 +363,35 @@ def write_shots(path: Path, shots: Sequence[Shot], *, config: str = "") -> Path:
         writer.close()
 
 
-def _header_of(shots: Sequence[Shot], config: str) -> CaptureHeader:
+def _distinct_masks(shots: Sequence[Shot]) -> tuple[F32, list[list[int] | None]]:
+    """Return the masks of all shots, each once, [M, H, W], and which of them each has; None: all as they stand."""
+    if all(np.array_equal(shot.masks, shots[0].masks) for shot in shots):
+        return shots[0].masks, [None] * len(shots)
+    found: dict[bytes, int] = {}
+    masks: list[F32] = []
+    orders: list[list[int] | None] = []
+    for shot in shots:
+        order = []
+        for mask in shot.masks:
+            index = found.setdefault(mask.tobytes(), len(masks))
+            if index == len(masks):
+                masks.append(mask)
+            order.append(index)
+        orders.append(order)
+    return np.stack(masks), orders
+
+
+def _header_of(shots: Sequence[Shot], masks: F32, config: str) -> CaptureHeader:
     first = shots[0]
     views = [shot.truth.views for shot in shots if shot.truth.views is not None]
     in_bytes = all(layout.fits_bytes(v) for v in views)
     return CaptureHeader(
         rows=len(shots),
         channels=3 if first.measurement.shape[2] == 3 else 1,
-        masks=first.masks,
+        masks=masks,
         weights=first.weights,
         reading="f4",
+        mask_order=masks is not first.masks,
         cfa=first.cfa,
         intrinsics=first.intrinsics,
         distortion=first.distortion,
@@ -375,7 +409,7 @@ def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
     first = shots[0]
     for index, shot in enumerate(shots[1:], 1):
         same = {
-            "masks": np.array_equal(first.masks, shot.masks),
+            "size or number of masks": first.masks.shape == shot.masks.shape,
             "weights": np.array_equal(first.weights, shot.weights),
             "channels": first.measurement.shape == shot.measurement.shape and first.cfa == shot.cfa,
             "intrinsics": _same_arrays(first.intrinsics, shot.intrinsics),
@@ -385,7 +419,7 @@ def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
         if different:
             raise StorageError(
                 f"{path}: shot {index} differs from shot 0 in {', '.join(different)}",
-                allowed="shots of one camera under one set of masks",
+                allowed="shots of one camera and as many views each",
                 remedy="write one file for each",
             )
 

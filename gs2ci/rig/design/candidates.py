@@ -44,7 +44,7 @@ class CaptureCandidate:
         density: Their open share.
         element: Sensor pixels per side of their elements.
         travel_mm: How far the camera goes during an exposure.
-        exposures: How many of the same path, each under masks of its own.
+        exposures: How many of the same path, each beginning with another mask.
     """
 
     masks: int
@@ -85,6 +85,7 @@ class CaptureCandidate:
                 "to_mm": round(middle_mm + forth * self.travel_mm / 2, 6),
                 "shots": 1,
                 "burst": 1,
+                "turn_masks": self.exposures > 1 or own.turn_masks,
             }
         )
 
@@ -211,7 +212,7 @@ class Asked:
         # Of one number of masks, since masks on the modulator's pixels take megabytes each.
         self._drawn: dict[float, tuple[CaptureSettings, SensorSettings]] = {}
         self._plans: dict[tuple[float, float], CapturePlan] = {}
-        self._upload_s: dict[int, float] = {}
+        self._upload_s: dict[int, tuple[float, float]] = {}
         self._number = 0
 
     def of(self, candidates: Sequence[CaptureCandidate]) -> Iterator[Possible | NotTried]:
@@ -237,8 +238,10 @@ class Asked:
         if broken:
             return NotTried(candidate, "; ".join(f"{one.what}: {one.value}, allowed: {one.limit}" for one in broken))
         if candidate.masks not in self._upload_s:
-            self._upload_s[candidate.masks] = float(devices.modulator.upload_eta_s(plan.sequence))
-        seconds = candidate.exposures * (self._upload_s[candidate.masks] + _seconds(plan))
+            modulator = devices.modulator
+            self._upload_s[candidate.masks] = modulator.upload_eta_s(plan.sequence), modulator.turn_eta_s(plan.sequence)
+        upload_s, turn_s = self._upload_s[candidate.masks]
+        seconds = upload_s + (candidate.exposures - 1) * turn_s + candidate.exposures * _seconds(plan)
         if self._longest_s is not None and seconds > self._longest_s:
             return NotTried(candidate, f"more than {spoken_duration(self._longest_s)} of capture")
         return Possible(candidate, capture, seconds)

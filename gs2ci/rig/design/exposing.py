@@ -19,6 +19,7 @@ from gs2ci.rig.patterns import draw_codes
 from gs2ci.rig.recording import FULL_WELL_SHARE
 from gs2ci.rig.simulated import bench_light, scene_of, with_typical_devices
 from gs2ci_drivers.mount import MountOptions
+from gs2ci_drivers.plan import first_mask
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
@@ -74,8 +75,8 @@ class SmallBench:
         """Take one exposure as ideal devices would, under masks that are calibrated, with its truth.
 
         Args:
-            capture: What is to be taken; its seed and the index give the masks.
-            index: Which exposure: it draws the noise.
+            capture: What is to be taken; its seed gives the masks.
+            index: Which exposure: it gives the mask that is shown first, and draws the noise.
 
         Raises:
             InputError: The masks cannot be drawn.
@@ -124,8 +125,8 @@ class SmallBench:
         return self.light.true_masks(*self._codes(capture, index))
 
     def _codes(self, capture: CaptureTable, index: int) -> tuple[U16, int]:
-        fresh = capture.model_copy(update={"seed": capture.seed + index})
-        return draw_codes(fresh, self.scene.size, Path()), 2**capture.bit_depth - 1
+        codes = draw_codes(capture, self.scene.size, Path())
+        return np.roll(codes, -first_mask(index, len(codes)), axis=0), 2**capture.bit_depth - 1
 
     def full_scale_e(self, capture: CaptureTable) -> float:
         """Return the electrons that white gives in a pixel through one open mask of a capture."""

@@ -183,7 +183,7 @@ def readings_of(bench: SmallBench, capture: CaptureTable, exposures: int) -> Rea
     Args:
         bench: The bench before the scene.
         capture: What is taken.
-        exposures: How many, each under masks of its own.
+        exposures: How many, each beginning with another mask.
 
     Raises:
         InputError: The masks cannot be drawn.

@@ -91,6 +91,8 @@ class Firmware:
         self._writes: dict[int, Callable[[bytes], None]] = {
             0x0200: self._write_power,
             0x0201: self._write_idle,
+            0x1008: lambda data: _require(len(data) == 1 and data[0] <= 1, 6),
+            0x1009: lambda data: _require(len(data) == 1 and data[0] <= 1, 6),
             0x1A1B: self._write_mode,
             0x1A1D: lambda data: self._write_output(0, data),
             0x1A1E: lambda data: self._write_output(1, data),
@@ -130,6 +132,8 @@ class Firmware:
         self._settings: dict[int, bytes] = {
             0x0200: b"\0",
             0x0201: b"\0",
+            0x1008: b"\0",
+            0x1009: b"\0",
             0x1A1B: b"\0",
             0x1A1D: bytes(5),
             0x1A1E: bytes(5),
@@ -320,7 +324,12 @@ class Firmware:
                 words = read_image(bytes(loading.received), width, self.mirrors.height)
             except BadImageError as error:
                 raise Refusal(9) from error
-            self.images[controller][loading.image] = words
+            self.images[controller][loading.image] = self._flipped(words)
+
+    def _flipped(self, words: U32) -> U32:
+        """Return an image, [H, W], as it is loaded: flips take effect with the next load (API.c of TI's GUI)."""
+        rows, columns = (-1 if self._settings.get(axis) == b"\1" else 1 for axis in (0x1008, 0x1009))
+        return words[::rows, ::columns]
 
     def _write_control(self, data: bytes) -> None:
         _require(len(data) == 1 and data[0] <= 2, 6)

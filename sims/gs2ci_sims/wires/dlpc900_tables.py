@@ -17,6 +17,8 @@ COMMAND_NAMES: Final[dict[int, str]] = {
     0x1100: "curtain colour",
     0x1A0A: "hardware status",
     0x1A0B: "system status",
+    0x1008: "flip long axis",
+    0x1009: "flip short axis",
     0x1A0C: "main status",
     0x1A1B: "display mode",
     0x1A1D: "trigger out 1",

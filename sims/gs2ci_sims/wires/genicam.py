@@ -37,6 +37,7 @@ FRAME: Final = "FrameStart"
 TRIGGERS: Final = (FRAME, "AcquisitionStart", "FrameBurstStart", "ExposureStart")
 FIXED_LIMIT_HZ = 1111.0
 CALLS_KEPT = 10_000
+SIZE_STEPS = {"Height": 2, "Width": 4}
 BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
 
 
@@ -217,6 +218,16 @@ class GenicamTwin:
         if found is not None and found.kind == "integer" and isinstance(value, float):
             raise TypeError(f"{name} = {value!r} is no integer")
         self.nodes.write(name, value)
+        if name.startswith("Binning"):
+            self._fit_region()
+
+    def _fit_region(self) -> None:
+        """Make the region as small as the binned sensor is (docs.baslerweb.com/image-roi: in binned lines)."""
+        for size, offset in (("Height", "OffsetY"), ("Width", "OffsetX")):
+            most, step = int(self.nodes.number(f"{size}Max")), SIZE_STEPS[size]
+            if self.nodes.number(size) + self.nodes.number(offset) > most:
+                self.nodes.put(offset, 0)
+                self.nodes.put(size, min(int(self.nodes.number(size)), most // step * step))
 
     def execute(self, name: str) -> None:
         """Run a command, which takes a while."""
@@ -418,10 +429,11 @@ class GenicamTwin:
             down = name in ("Height", "OffsetY")
             return int(self.nodes.number("BinningVertical" if down else "BinningHorizontal"))
 
-        for size, offset, largest, step in (
-            ("Height", "OffsetY", self.model.height, 2),
-            ("Width", "OffsetX", self.model.width, 4),
+        for size, offset, largest in (
+            ("Height", "OffsetY", self.model.height),
+            ("Width", "OffsetX", self.model.width),
         ):
+            step = SIZE_STEPS[size]
             least = float(2 * step)
             found[f"{size}Max"] = Node(
                 "integer", fixed=True, read=partial(lambda largest, size: largest // binning(size), largest, size)

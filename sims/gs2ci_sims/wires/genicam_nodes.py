@@ -155,6 +155,10 @@ class NodeTable:
         else:
             node.value = value
 
+    def put(self, name: str, value: FeatureValue) -> None:
+        """Set a feature as the camera itself does, within no limits."""
+        self._nodes[name].value = value
+
     def execute(self, name: str) -> None:
         """Run a command.
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gs2ci.core.arrays import U8, U16
+from gs2ci.core.arrays import F64, U8, U16
 from gs2ci_drivers.ports import ScreenOutput
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.panel import transmissions
@@ -62,6 +62,8 @@ class ScreenTwin:
         self._late_s = frames_late / refresh_hz
         self._patch = patch
         self._passes = transmissions(greys, TOP, FULL)
+        self.ramp: F64 = np.arange(TOP + 1) / TOP
+        """Gamma ramp of the output, as another program has left it: the share of the top for each level."""
         self._plugged = True
         self._opened = False
         self._shown: U16 | None = None
@@ -94,6 +96,11 @@ class ScreenTwin:
         self._opened = True
         return self.output
 
+    def straighten(self) -> list[str]:
+        """Make the gamma ramp straight, as xrandr --gamma 1:1:1 does."""
+        middle, self.ramp = self.ramp[128] * TOP, np.arange(TOP + 1) / TOP
+        return [f"a gamma ramp showed level 128 as {middle:.0f}"] if abs(middle - 128) > 1 / 2 else []
+
     def flip(self, levels: U8) -> int:
         """Take a picture at the next refresh and return the time of that refresh."""
         if self.faults.take("screen.unplugged", "flip"):
@@ -108,7 +115,7 @@ class ScreenTwin:
         if self.faults.take("screen.dropped"):
             following = floor(now_s / period_s + 1e-6)
         due_s = following * period_s
-        picture = self._passes[levels]
+        picture = self._passes[np.rint(TOP * self.ramp[levels]).astype(np.uint8)]
         self._clock.at(due_s + self._late_s, lambda: self._show(picture) if self._opened else None)
         self._clock.sleep_s(due_s - now_s)
         self.refreshes += 1

@@ -46,7 +46,7 @@ class TwinControl:
     Args:
         cid: Number.
         name: The kernel's name for it.
-        kind: INTEGER, BOOLEAN, MENU, BUTTON or INTEGER64.
+        kind: INTEGER, BOOLEAN, MENU, BUTTON or INTEGER64, or another of the kernel's.
         low: Smallest value.
         high: Largest value.
         step: Step of the value.
@@ -76,7 +76,7 @@ class TwinControl:
         Raises:
             OSError: ERANGE or EINVAL for a missing menu entry.
         """
-        if self.kind == MENU:
+        if self.menu:
             if not self.low <= value <= self.high:
                 raise no_such_value(ERANGE)
             if value not in self.menu:

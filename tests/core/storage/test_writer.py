@@ -297,10 +297,43 @@ def test_a_foreign_json_file_beside_the_capture_is_not_overwritten(tmp_path, mak
     assert (tmp_path / "shot.json").read_text() == "{}"
 
 
-def test_shots_of_different_masks_or_cameras_do_not_share_a_file(tmp_path, make_shot):
+def test_shots_of_different_masks_share_a_file_that_holds_each_mask_once(tmp_path, make_shot):
+    one = make_shot()
+    shots = [one, make_shot(masks=one.masks[::-1]), make_shot(masks=1 - one.masks), make_shot(masks=one.masks)]
+    path = write_shots(tmp_path / "shot.h5", shots)
+    assert [np.array_equal(read_shot(path, i).masks, shot.masks) for i, shot in enumerate(shots)] == [True] * 4
+    with h5py.File(path) as file:
+        count = len(one.masks)
+        assert len(file["masks/calib"]) == 2 * count
+        assert file["masks/order"][:3].tolist() == [
+            list(range(count)),
+            list(range(count))[::-1],
+            list(range(count, 2 * count)),
+        ]
+    again = recover(path, tmp_path / "again.h5")
+    assert [np.array_equal(read_shot(again, i).masks, shot.masks) for i, shot in enumerate(shots)] == [True] * 4
+
+
+@pytest.mark.parametrize("order", [None, [0], [0, 2], [0, -1]])
+def test_an_order_of_masks_that_there_are_not_is_refused(tmp_path, header, order):
+    with ShotWriter(tmp_path / "shot.h5", replace(header, mask_order=True)) as writer:
+        with pytest.raises(StorageError, match="row 0, masks/order"):
+            writer.append(np.zeros((6, 8), np.uint16), mask_order=order)
+        assert writer.rows_written == 0
+
+
+def test_an_order_of_masks_that_was_not_announced_is_refused(tmp_path, header):
+    with (
+        ShotWriter(tmp_path / "shot.h5", header) as writer,
+        pytest.raises(StorageError, match=r"masks/order.*allowed: what the header announces"),
+    ):
+        writer.append(np.zeros((6, 8), np.uint16), mask_order=list(range(header.views)))
+
+
+def test_shots_of_different_cameras_do_not_share_a_file(tmp_path, make_shot):
     one = make_shot()
     for other, word in [
-        (make_shot(masks=1 - one.masks), "masks"),
+        (make_shot(masks=one.masks[1:], weights=one.weights[1:], truth=Truth()), "number of masks"),
         (make_shot(weights=one.weights * 0.5), "weights"),
         (make_shot(intrinsics=None), "intrinsics"),
         (make_shot(distortion=np.array([-0.1, 0, 0, 0, 0])), "distortion"),

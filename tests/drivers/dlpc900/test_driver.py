@@ -229,6 +229,16 @@ def test_new_times_for_the_same_masks_cost_no_second_upload(bench: Bench) -> Non
     assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())), MASKS)
 
 
+def test_beginning_with_another_mask_sends_no_image_again(bench: Bench) -> None:
+    bench.run(SEQUENCE)
+    began_s = bench.world.clock.now_s()
+    bench.modulator.turn(3)
+    taken_s = bench.world.clock.now_s() - began_s
+    assert taken_s < 0.2
+    assert taken_s == pytest.approx(bench.modulator.turn_eta_s(SEQUENCE), abs=0.1)
+    assert bench.modulator.upload(SEQUENCE).payload_bytes == 0
+
+
 def test_fewer_masks_from_the_same_images_are_uploaded_anew(bench: Bench) -> None:
     bench.run(SEQUENCE)
     assert_shown(bench.run(replace(SEQUENCE, masks=MASKS[:4], repeats=1)), MASKS[:4])
@@ -277,6 +287,38 @@ def test_a_range_of_blocks_that_an_earlier_session_left_does_not_dim_the_rest(bl
     blocks.settings = Dlpc900Options()
     blocks.reopen()
     assert_shown(blocks.run(PatternSequence(masks_for(1080, 1920, 2), 1, 200e-6)), masks_for(1080, 1920, 2))
+
+
+@pytest.mark.parametrize("numbers", [(0x1008,), (0x1009,), (0x1008, 0x1009)])
+def test_flips_that_another_program_left_are_undone_and_the_images_loaded_again(
+    bench: Bench, numbers: tuple[int, ...]
+) -> None:
+    bench.run(SEQUENCE)
+    for number in numbers:
+        bench.twin.firmware.write(number, b"\1")
+    assert bench.modulator.upload(SEQUENCE).payload_bytes > 0
+    assert len([text for text in bench.modulator.incidents if "flipped across the" in text]) == len(numbers)
+    bench.modulator.arm()
+    begin_s = bench.world.clock.now_s()
+    bench.modulator.start()
+    bench.modulator.wait_done(1.0)
+    assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s()))[: len(MASKS)], MASKS)
+    assert bench.modulator.upload(SEQUENCE).payload_bytes == 0
+
+
+def test_the_twin_flips_what_is_loaded_after_a_flip() -> None:
+    """Otherwise the test above would prove nothing."""
+    bench = make_bench(settings=Dlpc900Options())
+    bench.modulator.connect()
+    bench.modulator._unflip = lambda: False
+    bench.twin.firmware.write(0x1008, b"\1")
+    assert_shown(bench.run(replace(SEQUENCE, repeats=1)), MASKS[:, ::-1])
+
+
+def test_a_controller_that_knows_no_flips_is_used_as_it_is(bench: Bench) -> None:
+    for number in (0x1008, 0x1009):
+        del bench.twin.firmware._settings[number]
+    assert_shown(bench.run(replace(SEQUENCE, repeats=1)), MASKS)
 
 
 def test_blocks_beyond_the_device_are_refused_with_those_there_are() -> None:

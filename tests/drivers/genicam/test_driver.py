@@ -429,7 +429,7 @@ def test_a_refused_feature_and_a_held_camera_are_named():
     ("table", "error", "text"),
     [
         ({"features": {"Zoom": 1}}, UnsupportedError, "the camera has no feature Zoom"),
-        ({"features": {"ExposureMode": "Sometimes"}}, UnsupportedError, "ExposureMode has no entry 'Sometimes'"),
+        ({"features": {"TestPattern": "Sometimes"}}, UnsupportedError, "TestPattern has no entry 'Sometimes'"),
         ({"features": {"AcquisitionFrameRate": 1e6}}, OutOfRangeError, "AcquisitionFrameRate = 1000000.0"),
         ({"trigger_overlap": "ReadOut"}, UnsupportedError, "no feature TriggerOverlap"),
         ({"trigger_line": "Line7"}, UnsupportedError, "TriggerSource has no entry 'Line7'; allowed: Software, Line0"),

@@ -1,9 +1,12 @@
 """What another program has left set on a GenICam camera: reset, recorded or refused; never silent."""
 
+import re
+
 import numpy as np
 import pytest
 
 from gs2ci_drivers.failures import DeviceFaultError, DriverError
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_sims.wires.genicam_nodes import Node
 from tests.drivers.genicam.test_manners import Bench
 from tests.twins.genicam_processing import further_features
@@ -159,3 +162,79 @@ def test_a_feature_that_does_not_let_itself_be_reset_ends_the_configuration():
     one.twin.nodes.write = lambda name, value: None if name == "DigitalShift" else write(name, value)
     with pytest.raises(DeviceFaultError, match=r"reset DigitalShift.*stays at 2 instead of 0"):
         one.start()
+
+
+# ---- what the rig file requests, beside what a capture sets itself
+
+
+@pytest.mark.parametrize("factor", [{"BinningHorizontal": 2}, {"BinningHorizontal": 2, "BinningVertical": 2}])
+def test_a_region_counts_binned_pixels_whatever_the_order(factor):
+    """docs.baslerweb.com/image-roi: "the settings for the image ROI refer to the binned lines and columns"."""
+    one = Bench({"features": {"DigitalShift": 1} | factor}, processing=True)
+    pixels = one.take()
+    assert pixels.shape == (64 // factor.get("BinningVertical", 1), 48)
+    assert one.sensor.settings.format.width == 48
+    placed = Bench({"features": factor}).take(height=16, width=24, top=4, left=8)
+    assert placed.shape == (16, 24)
+
+
+def test_a_requested_frame_rate_holds_triggers_back_and_is_counted():
+    """Basler, pylon plug-in, pull request 147: "an upper limit", also of a camera that is triggered."""
+    features = {"AcquisitionFrameRateEnable": True, "AcquisitionFrameRate": 25.0}
+    one = Bench({"features": features}, processing=True)
+    one.start()
+    assert one.sensor.settings.link_s == pytest.approx(0.04)
+    assert [text for text in one.sensor.incidents if "AcquisitionFrameRate is 25 Hz: frames are 40 ms apart" in text]
+    one.pulse(3)  # 20 ms apart: the second one is lost
+    assert [one.sensor.read(0.5).sequence for _ in range(2)] == [0, 1]
+
+
+@pytest.mark.parametrize("requested", [{"AcquisitionFrameRate": 25.0}, {"AcquisitionFrameRateEnable": False}])
+def test_a_frame_rate_that_is_switched_off_holds_nothing_back(requested):
+    one = Bench({"features": requested}, processing=True)
+    one.start()
+    assert one.sensor.settings.link_s == 0.0
+
+
+def test_an_exposure_is_set_behind_the_features_that_limit_it():
+    """Teledyne DALSA FA-80: "the range is limited by the frame rate"; here to 5 ms, which the plan then knows."""
+    features = {"AcquisitionFrameRateEnable": True, "AcquisitionFrameRate": 200.0}
+    one = Bench({"features": features}, rate_limits=100.0)
+    one.start(exposure_s=8e-3)
+    assert one.sensor.settings.exposure_s == pytest.approx(5e-3)
+    assert one.twin.nodes.number("ExposureTime") == pytest.approx(5000.0)
+
+
+def test_a_gain_that_is_requested_twice_is_told():
+    one = Bench({"features": {"Gain": 3.0}})
+    one.start(gain_db=6.0)
+    assert [text for text in one.sensor.incidents if "Gain = 3.0 was requested, 6.0 is set" in text]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "by"),
+    [
+        ("PixelFormat", "Mono8", "format"),
+        ("Width", 48, "width"),
+        ("ExposureTimeBaseAbs", 20.0, "the times in [capture]"),
+        ("TriggerMode", "Off", "mode in [capture]"),
+        ("TriggerDelayAbs", 5.0, "trigger_delay_s"),
+    ],
+)
+def test_a_feature_that_a_capture_sets_itself_is_refused_by_name(name, value, by):
+    with pytest.raises(ValueError, match=re.escape(f"{name} ({by})")):
+        GenicamOptions.model_validate({"kind": "genicam", "features": {name: value}})
+
+
+def test_leftovers_are_reset_once_for_each_capture():
+    one = Bench(processing=True)
+    one.twin.nodes.write("DefectCorrectStaticEnable", True)
+    looks = []
+    for _ in range(2):
+        one.twin.calls.clear()
+        one.sensor.prepare()
+        one.start()
+        looks.append(list(one.twin.calls).count("describe DefectCorrectStaticEnable"))
+        assert sum("DefectCorrectStaticEnable is True" in text for text in one.sensor.incidents) == len(looks)
+        one.sensor.stop()
+    assert looks == [2, 2]  # for the note, and for the record

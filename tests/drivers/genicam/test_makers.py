@@ -211,7 +211,7 @@ def test_a_link_that_is_slowed_down_otherwise_is_counted_too(model, link_s, name
     one = Bench(**model)
     one.start()
     assert one.sensor.settings.link_s == pytest.approx(link_s)
-    told = [line for line in one.sensor.incidents if "to leave the camera" in line]
+    told = [line for line in one.sensor.incidents if "apart at least" in line]
     assert len(told) == (link_s > 3e-3)
     assert not told or named in told[0]
     gap_s = max(link_s, 3e-3)

@@ -72,12 +72,54 @@ def test_a_board_with_usb_of_its_own_talks_while_dtr_is_high_and_not_else():
         opened(GrblTwin(clock, board="native"), clock, lowers=True).connect()
 
 
+class Marlin:
+    """A board with Marlin, as a `BytePort`: lines are answered, single bytes are the begin of one.
+
+    MarlinFirmware/Marlin: queue.cpp (get_serial_commands: until a line end), M115.cpp, MarlinCore.cpp ("start").
+    """
+
+    def __init__(self, clock, boots):
+        self._clock, self._line, self.sent = clock, b"", []
+        self._out = b"start\necho:Marlin 2.1.2.1\n" if boots else b""
+
+    def write(self, data, timeout_s):
+        *lines, self._line = (self._line + data).split(b"\n")
+        for line in lines:
+            self.sent.append(line)
+            if line == b"M115":
+                self._out += (
+                    b"FIRMWARE_NAME:Marlin 2.1.2.1 (Jan  1 2024) SOURCE_CODE_URL:github.com/M PROTOCOL_VERSION:1.0\n"
+                )
+                self._out += b"Cap:EEPROM:1\nok\n"
+            elif line.strip():
+                self._out += b'echo:Unknown command: "' + line + b'"\nok\n'
+
+    def read(self, max_bytes, timeout_s):
+        if not self._out:
+            self._clock.sleep_s(timeout_s)
+        given, self._out = self._out[:max_bytes], self._out[max_bytes:]
+        return given
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("boots", [True, False])
+def test_a_printers_board_is_named(boots):
+    clock = VirtualClock()
+    board = Marlin(clock, boots)
+    stage = GrblStage("stage0", board, clock)
+    with pytest.raises(UnsupportedError, match=r"the board runs Marlin 2.1.2.1 \(Jan  1 2024\).*GRBL 1.1, grblHAL"):
+        stage.connect()
+    assert not [line for line in board.sent if line.startswith((b"G", b"$J"))]
+
+
 def test_a_controller_that_never_answers_is_given_up_in_time():
     clock = VirtualClock()
     stage = GrblStage("stage0", ScriptedPort(clock, []), clock)
     with pytest.raises(NoAnswerError, match="greeting"):
         stage.connect()
-    assert clock.now_s() < 1006.0
+    assert clock.now_s() < 1007.0
 
 
 def test_a_controller_that_says_nonsense_when_it_is_opened_is_a_bad_reply():

@@ -13,7 +13,9 @@ import pytest
 
 from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import DisconnectedError, UnsupportedError
+from gs2ci_drivers.links import x11_levels
 from gs2ci_drivers.links.sdl_screen import SdlScreen
+from gs2ci_drivers.links.x11_levels import X11Levels, bent
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.ports import ScreenPort
 from gs2ci_drivers.video_out.driver import VideoOut
@@ -218,3 +220,96 @@ def test_a_renderer_without_opengl_is_not_believed():
     port = SdlScreen("slm")
     port._sdl = Sdl()
     assert port._waits_for_refresh() is False
+
+
+def bend(power):
+    """Bend the ramp of the X server's output, as redshift does (randr.c: XRRSetCrtcGamma by the protocol)."""
+    levels = X11Levels((0, 0, WIDTH, HEIGHT))
+    ((number, _, _),) = list(levels._driven())
+    ramp = np.rint(65535 * np.linspace(0, 1, 256) ** power).astype(np.uint16)
+    levels._set_ramp(number, np.tile(ramp, (3, 1)))
+    return levels, number
+
+
+def test_a_gamma_ramp_of_the_output_is_made_straight_told_and_put_back(screen, monkeypatch):
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    other, number = bend(1.4)
+    (output,) = screen.list_outputs()
+    screen.open(output.name)
+    (note,) = screen.straighten()
+    assert "showed level 128 as 97, 97, 97 of red, green and blue" in note
+    assert not bent(other._ramp(number))
+    assert screen.straighten() == []
+    screen.close()
+    assert other._ramp(number)[0, 128] == round(65535 * (128 / 255) ** 1.4)
+    other.close()
+    other.close()
+
+
+def test_a_session_that_places_windows_itself_is_refused(screen, monkeypatch):
+    sdl2 = pytest.importorskip("sdl2")
+    monkeypatch.setattr(sdl2, "SDL_GetCurrentVideoDriver", lambda: b"wayland")
+    with pytest.raises(UnsupportedError, match=r"on which output its window goes.*SDL_VIDEODRIVER=x11"):
+        screen.open("")
+    monkeypatch.undo()
+
+
+def test_a_compositor_that_tells_nothing_is_named(screen, monkeypatch):
+    screen.open("")
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    (note,) = screen.straighten()
+    assert "night light" in note
+
+
+@pytest.mark.parametrize(
+    ("levels", "changes"),
+    [
+        (np.linspace(0, 65535, 1024), False),
+        (np.arange(256) * 257, False),
+        (np.linspace(0, 65535, 256) ** 1.02 / 65535**0.02, True),
+        (np.linspace(0, 60000, 256), True),  # dimmed
+        (np.zeros(256), False),  # never set
+        (np.random.default_rng(0).integers(0, 65536, 256), False),
+    ],
+)
+def test_a_ramp_is_bent_if_it_changes_a_level_by_half_of_one(levels, changes):
+    assert bent(np.tile(np.rint(levels).astype(np.uint16), (3, 1))) == changes
+
+
+def test_without_an_x_server_nothing_is_told(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":4242")
+    levels = X11Levels((0, 0, 8, 8))
+    assert levels.straighten() == []
+    levels.close()
+
+
+@pytest.mark.parametrize(("value", "told"), [("Automatic", 1), ("Limited 16:235", 1), ("Full", 0)])
+def test_a_limited_range_is_told(display, value, told):
+    levels = X11Levels((0, 0, WIDTH, HEIGHT))
+    intern, randr = levels._x11.XInternAtom, levels._randr
+    name, kind, atom = (intern(levels._display, text, 0) for text in (b"Broadcast RGB", b"ATOM", value.encode()))
+    ((_, crtc, _),) = list(levels._driven())
+    output, data = crtc.outputs[0], ctypes.c_ulong(atom)
+    randr.XRRChangeOutputProperty.argtypes = (
+        ctypes.c_void_p,
+        *[ctypes.c_ulong] * 3,
+        *[ctypes.c_int] * 2,
+        ctypes.c_void_p,
+        ctypes.c_int,
+    )
+    randr.XRRChangeOutputProperty(levels._display, output, name, kind, 32, 0, ctypes.byref(data), 1)
+    notes = levels.straighten()
+    assert [note for note in notes if f"Broadcast RGB is {value}" in note] == notes[:told]
+    assert len(notes) == told
+    levels.close()
+
+
+def test_a_scaled_desktop_is_told():
+    mode = x11_levels._Mode(id=7, width=1920, height=1080)
+    resources = x11_levels._Resources(mode_count=1, modes=ctypes.addressof(mode))
+    levels = X11Levels((0, 0, 8, 8))
+    (note,) = levels._scaled(x11_levels._Crtc(width=2400, height=1350, mode=7), resources)
+    assert "the desktop is 2400 x 1350 and the output's mode 1920 x 1080" in note
+    assert levels._scaled(x11_levels._Crtc(width=1920, height=1080, mode=7), resources) == []
+    assert levels._scaled(x11_levels._Crtc(width=1920, height=1080, mode=8), resources) == []
+    levels.close()

@@ -495,3 +495,12 @@ def test_a_node_that_was_closed_refuses_everything(bench: Build) -> None:
     for use in (node.identity, lambda: node.wait(0.1)):
         with pytest.raises(WrongStateError, match="the node has been closed"):
             use()
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.ENOLINK])
+def test_a_pipeline_that_is_not_set_up_is_told_with_what_to_do(bench: Build, number: int) -> None:
+    """rp1-cfe's link from csi2 to its node is off after each start (raspberrypi/libcamera issue 194, media-ctl -p)."""
+    b = bench()
+    b.faults.inject("v4l2.call_fails", value=number, about="VIDIOC_STREAMON")
+    with pytest.raises(DeviceFaultError, match=r"enable the links .* with media-ctl: docs/bench.md"):
+        b.begin()

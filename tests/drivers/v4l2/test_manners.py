@@ -46,6 +46,35 @@ def test_vc_mipi_whose_device_tree_cannot_be_read_is_not_trusted_with_either_uni
         assert stated.sensor.connect().exposure_unsettled == ""
 
 
+# ---- NVIDIA's own controls (Jetson)
+
+
+@pytest.mark.parametrize("exposure_s", [8e-3, 0.1])
+@pytest.mark.parametrize("rate_units", [1_000_000, 1000])
+def test_a_jetsons_exposure_is_overridden_and_its_frames_are_long_enough(bench, exposure_s, rate_units):
+    """Of 100 ms the 21 frames a second of an imx219 would leave 47.5, and the control would read 100000."""
+    b = bench(options(readout_s=1e-3), exposure="tegra", rate_units=rate_units)
+    b.begin(exposure_s=exposure_s)
+    assert exposed_s(b) == pytest.approx(exposure_s)
+    assert b.sensor.settings.exposure_s == pytest.approx(exposure_s)
+    assert b.sensor.settings.recorded["override_enable"] == 1
+    assert b.sensor.info.max_exposure_s == pytest.approx(0.499)  # at 2 frames a second
+    assert b.sensor.incidents == []
+
+
+def test_a_jetsons_unit_may_be_stated_and_its_gain_left_by_another_program_is_named(bench):
+    b = bench(options(readout_s=1e-3, exposure_unit_s=2e-6), exposure="tegra")
+    b.begin(exposure_s=8e-3)
+    assert b.sensor.settings.recorded["exposure"] == 4000
+    other = bench(options(readout_s=1e-3), exposure="tegra")
+    other.twin._device._controls.leave("Gain", 160)
+    with pytest.raises(UnsupportedError, match=r"gain = 160 \(default 16\)"):
+        other.begin()
+    stated = bench(options(readout_s=1e-3, gain_db_per_unit=0.1), exposure="tegra")
+    stated.begin(gain_db=3.0)
+    assert stated.sensor.settings.recorded["gain"] == 30
+
+
 # ---- rows one after the other
 
 

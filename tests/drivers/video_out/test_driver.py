@@ -147,3 +147,16 @@ def test_an_output_that_is_unplugged_is_told():
     bench.twin.unplug()
     with pytest.raises(DisconnectedError, match="the video output has been disconnected"):
         bench.modulator.status()
+
+
+def test_a_night_light_that_comes_between_two_captures_is_undone_and_told():
+    """redshift and the desktops' night lights bend the output's gamma ramp: grey 128 of a mask would pass a quarter."""
+    bench = Bench()
+    sequence = bench.sequence(bits=8)
+    sequence.masks[:, :4] = 128
+    bench.play(sequence)
+    assert bench.modulator.incidents == []
+    bench.twin.ramp = bench.twin.ramp**2
+    shown = bench.play(sequence)
+    assert {int(mask.levels[0, 0]) for mask in shown} == {round(128 / 255 * 0xFFFF)}
+    assert bench.modulator.incidents == ["slm: a gamma ramp showed level 128 as 64"]
