@@ -6,8 +6,7 @@
 set -euo pipefail
 folder=$(mktemp -d); trap 'rm -rf "$folder"' EXIT; cd "$folder"
 python3 -m venv v
-v/bin/pip install --quiet --no-compile --disable-pip-version-check --no-deps hiktemp==0.2.0 numpy==2.4.6 requests==2.32.5 urllib3==2.5.0 idna==3.10 \
-    certifi==2025.10.5 charset-normalizer==3.4.4
+v/bin/pip install --quiet --no-compile --disable-pip-version-check --no-deps hiktemp==0.2.0 numpy==2.4.6 requests==2.32.5 urllib3==2.5.0 idna==3.10 certifi==2025.10.5 charset-normalizer==3.4.4
 v/bin/python - <<'PY'
 from importlib.metadata import version
 
