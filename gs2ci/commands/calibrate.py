@@ -12,7 +12,7 @@ import tyro
 from gs2ci.api.bundles import update_bundle
 from gs2ci.api.display import open_display
 from gs2ci.commands.answers import AsJson, answered
-from gs2ci.commands.lines import print_table, say
+from gs2ci.commands.lines import print_table, say, say_next
 from gs2ci.core.errors import Gs2ciError, InputError
 
 if TYPE_CHECKING:
@@ -96,6 +96,8 @@ def run(
                     say("in ", out, f": {said}")
                 raise
         say("bundle in ", out)
+        if step == "all":
+            say_next("capture", "--rig", rig, "--calibration", out, "-o", "shot.h5")
         answer({"bundle": out, "sections": [section.record() for section in sections]})
     return out
 

@@ -12,7 +12,7 @@ import tyro
 from gs2ci.api.display import open_display
 from gs2ci.api.options import check_whole
 from gs2ci.commands.answers import AsJson, answered
-from gs2ci.commands.lines import print_table, say
+from gs2ci.commands.lines import print_table, say, say_what_reconstructs
 
 if TYPE_CHECKING:
     from gs2ci.api.rigs import OpenRig
@@ -59,6 +59,7 @@ def run(
     from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
     from gs2ci.rig.until import MOST, CaptureTarget, check_judged
+    from gs2ci_drivers.plan import Mode
 
     if until is not None:
         CaptureTarget.parse(until)
@@ -94,6 +95,8 @@ def run(
         if count < wanted and until is None:
             say(f"{wanted - count} of {wanted} exposures were lost; the file's events name them")
         say(f"{count} shot{'s' if count > 1 else ''} in ", out)
+        if prepared.plan.settings.mode is not Mode.PER_MASK:
+            say_what_reconstructs(out, count, one_scene=True)
         answer({"file": out, "shots": count, "plan": figures})
         return out
 

@@ -14,7 +14,7 @@ import tyro
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.shots import check_imports, import_file, picked
 from gs2ci.commands.answers import AsJson, answered
-from gs2ci.commands.lines import say
+from gs2ci.commands.lines import say, say_what_reconstructs
 from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
 
@@ -142,3 +142,5 @@ def _print(file: Path, written: list[Path], imported: "Imported", index: int | N
     count = len(imported.shots) if index is None else 1
     told = str(written[0]) if len(written) == 1 else f"{written[0]} to {written[-1]}, one each for its own masks"
     say(f"{count} shot{'s' if count > 1 else ''} in ", told)
+    if len(written) == 1:
+        say_what_reconstructs(written[0], count, one_scene=False)

@@ -1,6 +1,8 @@
 """Lines and tables that commands print for people. Not here: answers for programs (`answers`), pages."""
 
+import shlex
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -19,6 +21,27 @@ def say(*parts: object, style: str = "", aside: bool = False) -> None:
     for number, part in enumerate(parts):
         line.append(str(part), "bold" if number % 2 else None)
     Console(stderr=aside, highlight=False).print(line, soft_wrap=True)
+
+
+def say_next(*words: object) -> None:
+    """Print the command that comes next, as a shell takes it."""
+    say("next: ", shlex.join(["gs2ci", *map(str, words)]))
+
+
+def say_what_reconstructs(shots: Path, count: int, *, one_scene: bool) -> None:
+    """Print the command that reconstructs a file.
+
+    Args:
+        shots: The shot file.
+        count: Its exposures.
+        one_scene: Whether all are of one scene that stands still, as those of a bench are.
+    """
+    if count == 1:
+        say_next("reconstruct", shots, "-o", "run/")
+    elif one_scene:
+        say_next("reconstruct", shots, "--together", "-o", "run/")
+    else:
+        say_next("reconstruct", shots, "--all", "-o", "runs/")
 
 
 def print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> None:

@@ -17,6 +17,7 @@ from gs2ci.api.options import check_whole
 from gs2ci.api.shots import exposures_in, named_apart
 from gs2ci.api.summary import print_summary
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import say
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MOST_MOMENTS, RuleName
 
@@ -90,19 +91,24 @@ def run(
         # Beside the folder to be written, which does not exist before all is done.
         unfinished = output.absolute().parent / f".{output.absolute().name}.unfinished"
         exposures = chosen_exposures((shot, *more), index)
-        return _write_run(
-            lambda display: reconstruction.reconstruct(
+        try:
+            return _write_run(
+                lambda display: reconstruction.reconstruct(
+                    exposures,
+                    together=True,
+                    unfinished=unfinished,
+                    progress=display,
+                    **overrides,
+                ),
                 exposures,
-                together=True,
-                unfinished=unfinished,
-                progress=display,
-                **overrides,
-            ),
-            exposures,
-            output,
-            overwrite=overwrite,
-            json=json,
-        )
+                output,
+                overwrite=overwrite,
+                json=json,
+            )
+        except KeyboardInterrupt:
+            if unfinished.is_dir():
+                say(f"what is done is kept in {unfinished}: the same command goes on from there", aside=True)
+            raise
     assert not isinstance(index, str)
     if explain_plan:
         _explain(shot, index or 0, more=bool(more) or every, **overrides)
@@ -127,9 +133,12 @@ def run(
             json=json,
             **overrides,
         )
-    from gs2ci.core.storage import read_shot
+    from gs2ci.core.storage import count_shots, read_shot
 
     measured = read_shot(shot, index or 0)
+    if index is None and (count := count_shots(shot)) > 1:
+        others = "--together reconstructs all as one scene, --all each, --index another one"
+        say(f"{shot} holds {count} exposures, and this is the first: {others}", aside=True)
     return _write_run(
         lambda display: reconstruction.reconstruct(measured, progress=display, **overrides),
         [measured],

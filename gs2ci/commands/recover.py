@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from gs2ci.commands.answers import AsJson, answered
-from gs2ci.commands.lines import say
+from gs2ci.commands.lines import say, say_what_reconstructs
 
 
 def run(
@@ -56,4 +56,5 @@ def save_finished_rows(partial: Path, target: Path | None, *, replace: bool = Fa
     count = count_shots(saved)
     rows = f"{count} finished row{'s' if count != 1 else ''}"
     say(f"{rows} of {partial.name} saved in ", saved)
+    say_what_reconstructs(saved, count, one_scene=True)
     return saved

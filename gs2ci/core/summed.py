@@ -3,7 +3,8 @@
 The sum of Y = Σ wᵢ Mᵢ ⊙ Xᵢ over exposures is of the same form, with the masks and views of all of them. So whatever
 reads a measurement, its truth and its result reads those of several exposures, with the views of one after the other.
 
-Here: the sum. Not here: how the exposures are reconstructed together (`gs2ci.reconstruct.exposures`).
+Here: the sum, and the frame of exposures of one stage. Not here: how the exposures are reconstructed together
+(`gs2ci.reconstruct.exposures`).
 """
 
 from collections.abc import Sequence
@@ -39,6 +40,53 @@ def check_alike(shots: Sequence[Shot]) -> None:
                     allowed="exposures of one camera",
                     remedy="reconstruct those of each camera by themselves",
                 )
+
+
+def in_one_frame(shots: Sequence[Shot]) -> Sequence[Shot]:
+    """Return exposures of one camera with the poses of their stage in the frame of the first that has any.
+
+    A capture's poses begin anew, with the identity in the middle of its travel. `provenance["telemetry"]["origin"]`
+    states where the stage had the camera then, in the axes of the camera and the unit of the poses, [3]. Poses of
+    exposures of which one states none are taken to be in one frame.
+
+    Raises:
+        InputError: They are not of one camera, or state something else.
+    """
+    check_alike(shots)
+    staged = [shot for shot in shots if shot.telemetry_world_to_camera is not None]
+    origins = [_origin(shot) for shot in staged]
+    known = [one for one in origins if one is not None]
+    if not staged or len(known) < len(staged):
+        return shots
+    found = {id(shot): _moved(shot, one - known[0], known[0]) for shot, one in zip(staged, known, strict=True)}
+    return [found.get(id(shot), shot) for shot in shots]
+
+
+def _origin(shot: Shot) -> F64 | None:
+    telemetry = shot.provenance.get("telemetry")
+    stated = telemetry.get("origin") if isinstance(telemetry, dict) else None
+    if stated is None:
+        return None
+    try:
+        found = np.array(stated, np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise InputError(
+            f"{shot.name} states an origin of {stated!r} for its telemetry", allowed="three finite numbers, or none"
+        )
+    return found
+
+
+def _moved(shot: Shot, by: F64, origin: F64) -> Shot:
+    """Return an exposure whose stage's frame begins elsewhere: its cameras lie displaced in the new one."""
+    poses = shot.telemetry_world_to_camera
+    if poses is None or not by.any():
+        return shot
+    poses = poses.copy()
+    poses[:, :3, 3] -= poses[:, :3, :3] @ by
+    telemetry = {**shot.provenance["telemetry"], "origin": origin.tolist()}
+    return replace(shot, telemetry_world_to_camera=poses, provenance={**shot.provenance, "telemetry": telemetry})
 
 
 def summed(shots: Sequence[Shot], name: str) -> Shot:

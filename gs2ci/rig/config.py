@@ -155,6 +155,9 @@ class WorldTable(ConfigTable):
     """Whether readings have noise."""
     stage_start_mm: float | None = None
     """Position of the stage's axes when it is switched on; without it, that of the twin."""
+    rest_mm: float | None = None
+    """Position of the swept axis from which the camera sees the scene as it was made; without it, the middle of the
+    travel, so that captures along other travels see the same."""
     trigger_latency_s: Delay = 0.0
     """True delay from a trigger's edge to the exposure."""
     trigger_jitter_s: Delay = 0.0

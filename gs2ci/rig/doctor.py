@@ -242,7 +242,7 @@ def _unit(rig: Rig, devices: Devices, found: StampsFound) -> Iterator[BenchFindi
         f"{seen}: its unit is {step_s * found.growth:.3g} s, not {step_s:.3g} s",
         f"set exposure_unit_s = {nearest_s:.4g} in [sensor]"
         if sensor.kind == "v4l2"
-        else "check the camera's exposure features in [sensor.features]",
+        else "look for a feature that scales its exposures in the maker's viewer, and set it in [sensor.features]",
     )
 
 

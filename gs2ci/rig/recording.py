@@ -381,6 +381,10 @@ class _Recorder:
             origin["mask_index"] = i
         if self._carriage is not None:
             origin["telemetry"] = dict(self._carriage.provenance)
+            stage = self._devices.stage
+            if stage is not None and taken.stage_mm is not None:
+                place = self._carriage.origin(taken.stage_mm, tuple(stage.info.axes))
+                origin["telemetry"]["origin"] = [round(float(part), 9) for part in place]
         bench = None if plan.settings.continuous else self._rig.bench
         exposure = self._exposure_of(bench, frame) if bench else None
         if bench and bench.light and exposure:

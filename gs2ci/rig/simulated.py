@@ -224,7 +224,7 @@ def _data_sheet(rig: RigTable, table: WorldTable) -> SensorFigures:
 
 
 def _mount(rig: RigTable, table: WorldTable, light: LightPath, stage: Motion | None, now_s: float) -> Mount:
-    """Mount the camera so that it has the scene's suggested pose in the middle of the travel."""
+    """Mount the camera so that it has the scene's suggested pose at `rest_mm`, or in the middle of the travel."""
     directions = Mount().directions
     mount = table.mount or (rig.stage.mount if rig.stage is not None else None)
     if mount is not None:
@@ -240,12 +240,12 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath, stage: Motion | N
 
 
 def _rest_mm(rig: RigTable, table: WorldTable, start_mm: Mapping[str, float]) -> dict[str, float]:
-    """Return each axis's true position in the rest pose: where it stands at first, or in the middle of its travel."""
+    """Return each axis's true position in the rest pose: where it stands at first; of the swept axis, as stated."""
     capture, rest = rig.capture, dict(start_mm)
     if capture.axis:
         one = table.mechanics.get(capture.axis, Mechanics())
-        middle_mm = (capture.from_mm + capture.to_mm) / 2  # as counted
-        rest[capture.axis] = middle_mm * (-one.scale if one.reversed_sign else one.scale)
+        counted_mm = (capture.from_mm + capture.to_mm) / 2 if table.rest_mm is None else table.rest_mm
+        rest[capture.axis] = counted_mm * (-one.scale if one.reversed_sign else one.scale)
     return rest
 
 

@@ -30,6 +30,8 @@ class Carriage:
             during the delay of a position query, less half the backlash, by which it lags behind the mean of both
             directions.
         provenance: The source of these figures, for the shot's provenance.
+        zero_mm: Where places of the stage are counted from, counted mm, for each axis that has such a place: in a
+            simulated world, whose scene stands where the camera rests, that of the swept axis.
     """
 
     travel: Travel
@@ -37,6 +39,7 @@ class Carriage:
     swept_per_mm: F64
     provenance: Mapping[str, Any] = field(default_factory=dict)
     ahead_mm: float = 0.0
+    zero_mm: Mapping[str, float] | None = None
 
     def world_to_camera(self, stage_mm: F64, axes: tuple[str, ...]) -> F64:
         """Return the camera's poses, [N, 4, 4], OpenCV axes: identity in the middle of the travel.
@@ -47,10 +50,9 @@ class Carriage:
         """
         shift = np.zeros((len(stage_mm), 3))
         for column, axis in enumerate(axes):
-            swept = axis == self.travel.axis
-            rest_mm = (self.travel.from_mm + self.travel.to_mm) / 2 if swept else stage_mm[0, column]
+            rest_mm = self._rest_mm(axis, stage_mm[0, column])
             per_mm = self.per_mm.get(axis, np.zeros(3))
-            if not swept:
+            if axis != self.travel.axis:
                 shift -= (stage_mm[:, column] - rest_mm)[:, None] * per_mm
                 continue
             # The position was read when the travel began; from there on positions follow from the speed.
@@ -58,6 +60,28 @@ class Carriage:
             shift -= (begin_mm - rest_mm + self.ahead_mm) * per_mm
             shift -= (stage_mm[:, column] - begin_mm)[:, None] * self.swept_per_mm
         return rigid(np.eye(3), shift)
+
+    def origin(self, stage_mm: F64, axes: tuple[str, ...]) -> F64:
+        """Return where the camera is whose pose is the identity, by which captures of one stage share a frame.
+
+        Args:
+            stage_mm: Counted positions, [N, K].
+            axes: Their names, [K].
+
+        Returns:
+            Its place in its own axes and the unit of the poses, from where the stage counts, [3]. An axis whose
+            direction is unknown is left out.
+        """
+        found = np.zeros(3)
+        for axis, first_mm in zip(axes, stage_mm[0], strict=True):
+            rest_mm = self._rest_mm(axis, first_mm)
+            zero_mm = 0.0 if self.zero_mm is None else self.zero_mm.get(axis, rest_mm)
+            found += (rest_mm - zero_mm) * self.per_mm.get(axis, np.zeros(3))
+        return found
+
+    def _rest_mm(self, axis: str, first_mm: float) -> float:
+        """Return the counted position of an axis at which the pose is the identity."""
+        return (self.travel.from_mm + self.travel.to_mm) / 2 if axis == self.travel.axis else first_mm
 
 
 def carriage_of(
@@ -98,9 +122,11 @@ def carriage_of(
     if swept is not None and calibrated is not None:
         ahead_mm, error_mm = _ahead_of_count(swept, calibrated, travel, speed_mm_s)
         provenance |= {"ahead_mm": round(ahead_mm, 6), "ahead_error_mm": round(error_mm, 6)}
-    return Carriage(
-        travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, provenance, ahead_mm
-    )
+    zero_mm = None
+    if simulated is not None:
+        zero_mm = {} if simulated.rest_mm is None else {travel.axis: simulated.rest_mm}
+    in_unit = {axis: unit * way for axis, way in per_mm.items()}
+    return Carriage(travel, in_unit, unit * swept_per_mm, provenance, ahead_mm, zero_mm)
 
 
 def _ahead_of_count(

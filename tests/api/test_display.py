@@ -116,7 +116,7 @@ def test_plain_output_is_one_line_per_stage_and_sentence():
         "The focal length was [estimated]: 70.4 pixels.",
         "decode: 20.5 s, 40 steps",
         "geometry: 0.5 s",
-        "fit: 1.0 s, 400 of 1000 steps, loss 0.0123 · held-out 0.0210 · 13 000 Gaussians",
+        "fit: 1.0 s, ended after 400 of 1000 steps, loss 0.0123 · held-out 0.0210 · 13 000 Gaussians",
     ]
 
 
@@ -160,7 +160,7 @@ def test_a_stage_may_turn_out_longer_or_shorter_than_it_was_said_to_be():
         display.stage("fit", 500)
         display.expect(800)
         display.step(700)
-    assert console.file.getvalue().splitlines() == ["fit: 2.0 s, 700 of 800 steps"]
+    assert console.file.getvalue().splitlines() == ["fit: 2.0 s, ended after 700 of 800 steps"]
     live = terminal()
     with open_display(live) as display:
         display.expect(3)  # before any stage: nothing to draw
@@ -182,7 +182,7 @@ def test_plain_output_of_long_sentences_is_not_broken():
 def test_a_failing_stage_still_gets_its_line():
     console = pipe()
     fail_in(PlainDisplay(console, StepClock()))
-    assert console.file.getvalue().splitlines()[-1].startswith("fit: 2.0 s, 400 of 1000 steps")
+    assert console.file.getvalue().splitlines()[-1].startswith("fit: broke off after 2.0 s, 400 of 1000 steps")
 
 
 def test_the_display_is_chosen_by_where_output_goes():

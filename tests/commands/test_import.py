@@ -40,7 +40,9 @@ def test_the_usual_keys_need_no_flags_and_every_guess_is_printed(tmp_path, array
     for guess in shot.provenance["guesses"]:
         assert guess in printed
     assert "'meas' (measurement), 'masks' (masks), 'truth' (truth)" in printed
-    assert "1 shot in" in printed
+    assert printed.endswith(
+        f"1 shot in {tmp_path / 'shot.h5'}\nnext: gs2ci reconstruct {tmp_path / 'shot.h5'} -o run/\n"
+    )
     assert_manifest_fits(tmp_path / "shot.h5")
 
 

@@ -46,7 +46,7 @@ def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, capsys,
     assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
     said = capsys.readouterr().out
     assert "stage travel" in said
-    assert "2 shots in shot.h5" in said
+    assert said.endswith("2 shots in shot.h5\nnext: gs2ci reconstruct shot.h5 --together -o run/\n")
     shot = read_shot(rig.with_name("shot.h5"), 1)
     assert shot.cfa == "RGGB"
     assert shot.truth.views.shape == (3, 40, 60, 3)
@@ -206,7 +206,9 @@ def test_a_capture_that_fails_later_says_how_to_save_what_was_taken(rig, capsys,
     assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 2
     assert "gs2ci recover shot.h5.partial" in capsys.readouterr().err
     assert gs2ci("recover", "shot.h5.partial") == 0
-    assert "1 finished row of shot.h5.partial saved in shot.recovered.h5" in capsys.readouterr().out
+    said = capsys.readouterr().out.splitlines()
+    assert "1 finished row of shot.h5.partial saved in shot.recovered.h5" in said
+    assert said[-1] == "next: gs2ci reconstruct shot.recovered.h5 -o run/"
 
 
 def test_recover_takes_the_name_from_the_interrupted_file(rig, capsys, gs2ci):

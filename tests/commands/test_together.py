@@ -87,6 +87,18 @@ def test_a_command_that_fails_in_the_end_goes_on_from_there(folder, files, tmp_p
     assert np.array_equal(gs2ci.open_run(output).views, gs2ci.open_run(folder).views)
 
 
+def test_an_interrupted_command_says_where_it_goes_on(files, tmp_path, monkeypatch, capsys):
+    def interrupted(*_, unfinished, **__):
+        unfinished.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gs2ci.api.reconstruction.reconstruct", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct.run(files[0], tmp_path / "run", more=(files[1],), together=True, **QUICK)
+    kept = tmp_path / ".run.unfinished"
+    assert capsys.readouterr().err == f"what is done is kept in {kept}: the same command goes on from there\n"
+
+
 def test_one_exposure_is_never_unfinished(shots, tmp_path):
     with pytest.raises(InputError, match="together=True"):
         gs2ci.reconstruct(shots[0], unfinished=tmp_path / "kept")

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+import gs2ci
 from gs2ci.core.storage import read_shot
+from gs2ci.core.summed import in_one_frame
 from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.telemetry import carriage_of
@@ -142,6 +144,43 @@ def test_the_pose_is_the_identity_in_the_middle_of_the_travel():
     poses = carriage.world_to_camera(np.array([[10.0], [12.0], [14.0]]), ("x",))
     assert poses[1] == pytest.approx(np.eye(4))
     assert poses[:, :3, 3] == pytest.approx(np.array([[2.0, 0, 0], [0, 0, 0], [-2.0, 0, 0]]))
+
+
+def test_captures_say_where_the_stage_had_the_camera_in_the_middle_of_their_travel():
+    real = carriage_of(table({"mount": {}, "port": "/dev/ttyUSB0"}), TRAVEL, measured("y", (0.0, 1.0, 0.0), 2.0))
+    assert real.origin(np.array([[10.0, 3.0], [14.0, 3.0]]), ("x", "y")) == pytest.approx([12.0, 6.0, 0.0])
+    # An axis whose direction nobody stated.
+    assert real.origin(np.array([[10.0, 3.0]]), ("x", "focus")) == pytest.approx([12.0, 0.0, 0.0])
+
+
+def test_a_simulated_scene_stands_before_the_middle_of_each_travel_unless_its_place_is_stated():
+    stage = np.array([[10.0, 3.0]])
+    around_each = carriage_of(table({"mount": {}}, scene_units_per_mm=0.1), TRAVEL, None)
+    assert around_each.origin(stage, ("x", "y")) == pytest.approx([0.0, 0.0, 0.0])
+    stated = carriage_of(table({"mount": {}}, scene_units_per_mm=0.1, rest_mm=9.0), TRAVEL, None)
+    assert stated.origin(stage, ("x", "y")) == pytest.approx([0.3, 0.0, 0.0])
+
+
+def test_captures_along_neighbouring_travels_lie_where_they_were(tmp_path):
+    shots = []
+    for from_mm in (74.0, 77.0):
+        rig = tmp_path / f"{from_mm:.0f}.toml"
+        text = RIG[: RIG.index("[world.mount]")].replace("160", "24").replace("200\n", "32\n")
+        text = text.replace("[stage.mount]", "[stage.mount]\nz = [0.0, 0.0, 1.0]").replace(
+            "[world]", "[world]\nrest_mm = 75.0"
+        )
+        rig.write_text(text.replace("74.0", f"{from_mm}").replace("76.0", f"{from_mm + 2}"))
+        with gs2ci.open_rig(rig) as opened:
+            shots.append(read_shot(opened.record(tmp_path / f"{from_mm:.0f}.h5")))
+    assert [one.provenance["telemetry"]["origin"] for one in shots] == [[0.0, 0.0, 0.0], [0.06, 0.0, 0.0]]
+    found, true = (
+        np.stack([one[:, 0, 3] for one in poses])
+        for poses in (
+            [one.telemetry_world_to_camera for one in in_one_frame(shots)],
+            [one.truth.world_to_camera for one in shots],
+        )
+    )
+    assert found == pytest.approx(true - true[0].mean() + found[0].mean(), abs=2e-3)
 
 
 def test_a_real_stage_is_in_millimetres_whatever_the_world_that_its_rig_was_tried_in():

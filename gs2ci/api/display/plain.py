@@ -32,13 +32,21 @@ class PlainDisplay(StageDisplay):
             self._said_s = now_s
             self._write(stage, "so far ")
 
+    def __exit__(self, kind: object = None, *_: object) -> None:
+        if kind is not None and self._running is not None:
+            self._write(self._running, "broke off after ")
+            self._running = None
+        self.finish()
+
     def _ended(self, stage: RunningStage) -> None:
         self._write(stage)
 
     def _write(self, stage: RunningStage, so_far: str = "") -> None:
         steps = f"{stage.done} of {stage.total}" if stage.total and stage.done != stage.total else f"{stage.done}"
+        # Many stages end as soon as nothing more is gained: what has so many steps left is not what still goes on.
+        ended = "ended after " if stage.done and steps != f"{stage.done}" and not so_far else ""
         parts = [f"{stage.seconds(self._clock.now_s()):.1f} s"]
-        parts += [f"{steps} step{'' if steps == '1' else 's'}"] if stage.done else []
+        parts += [f"{ended}{steps} step{'' if steps == '1' else 's'}"] if stage.done else []
         parts += [stage.figures] if stage.figures else []
         self.say(f"{stage.name}: {so_far}{', '.join(parts)}")
 

@@ -24,7 +24,7 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.core.summed import check_alike, summed
+from gs2ci.core.summed import in_one_frame, summed
 from gs2ci.reconstruct.exposures import foreseen
 from gs2ci.reconstruct.exposures.merging import merged, side_by_side, with_what_each_gave
 from gs2ci.reconstruct.exposures.observing import Keeping, PlacedExposure, first_of_all, observe_all
@@ -156,7 +156,7 @@ def reconstruct_together(
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
-    check_alike(shots)
+    shots = in_one_frame(shots)
     if settings.motion == "on":
         raise InputError(
             "several exposures of a scene in which things move",
@@ -172,10 +172,11 @@ def reconstruct_together(
     settings, where_rendered = on_device(shots[0], settings, exposures=len(shots))
     said(where_rendered.notes, progress)
     settings, clock = replace(settings, motion="off"), Stopwatch()
-    if len(shots) > 1:
+    several = len(shots) > 1
+    if several:
         progress.say(foreseen.said(shots))
     kept = None
-    if unfinished is not None and len(shots) > 1:
+    if unfinished is not None and several:
         kept = Unfinished(unfinished, key_of_run(shots, settings))
     tools = Tools.load(settings)
     keeping = None if kept is None else observations(kept, tools, progress)
