@@ -93,7 +93,7 @@ def refuse(*_, **__):
 
 
 def test_a_look_at_views_far_apart_gives_up_where_matches_fail(monkeypatch):
-    monkeypatch.setattr(matches, "matched_motion", refuse)
+    monkeypatch.setattr(matches, "wide_motion", refuse)
     monkeypatch.setattr(matches.Request, "of", lambda *_: None)
     first = SimpleNamespace(holdout=SimpleNamespace(seen=None), decoded=None, geometry=None)
     laps, settings = [], SimpleNamespace(geometry=None)

@@ -210,8 +210,9 @@ class CapturePlan:
     @property
     def turns(self) -> bool:
         """Get whether starts of the modulator begin with different masks."""
-        several = self.fires > 1 and self.sequence.count > 1
-        return self.settings.turned and several and self.settings.mode is not Mode.PER_MASK
+        asked = self.settings
+        several = asked.shots > asked.burst > 0 and self.sequence.count > 1
+        return asked.turned and several and asked.mode is not Mode.PER_MASK
 
     @property
     def frame_period_s(self) -> float:

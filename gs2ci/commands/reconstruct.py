@@ -133,9 +133,12 @@ def run(
             json=json,
             **overrides,
         )
-    from gs2ci.core.storage import read_shot
+    from gs2ci.core.storage import count_shots, read_shot
 
     measured = read_shot(shot, index or 0)
+    if index is None and (count := count_shots(shot)) > 1:
+        others = "--together reconstructs all as one scene, --all each, --index another one"
+        say(f"{shot} holds {count} exposures, and this is the first: {others}", aside=True)
     return _write_run(
         lambda display: reconstruction.reconstruct(measured, progress=display, **overrides),
         [measured],

@@ -136,7 +136,7 @@ def hand_over(
     noise_by_reading, by_factor = _noise(first, ensemble.views, settings)
     least_noise = mean_power(noise_by_reading, holdout)
     noise = least_noise * by_factor
-    refine = refine.with_noise(noise_by_reading)
+    refine = replace(refine, noise=noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
     refined_views, notes = _polished_densely(holdout, by_share, dense)

@@ -15,7 +15,6 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.surfaces.surfaces import SurfaceSettings
 from gs2ci.reconstruct.settings import Settings
 
@@ -55,10 +54,6 @@ def _surfaces(settings: Settings, change: Callable[[SurfaceSettings], SurfaceSet
 def _unexchanged(surfaces: SurfaceSettings) -> SurfaceSettings:
     field = surfaces.depth_field
     return surfaces if field is None else replace(surfaces, depth_field=replace(field, exchange=None))
-
-
-def _steps_in_scene(fit: CoarseSettings) -> CoarseSettings:
-    return replace(fit, steps=replace(fit.steps, in_view=None))
 
 
 def _left_out(name: LeftOut, settings: Settings) -> Settings:
@@ -149,7 +144,7 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
     Mechanism(
         "steps in the reference view",
         "positions step in pixels of the reference view",
-        lambda settings: replace(settings, fit=_steps_in_scene(settings.fit)),
+        lambda settings: _fit(settings, steps=replace(settings.fit.steps, in_view=None)),
         "steps",
     ),
     Mechanism(

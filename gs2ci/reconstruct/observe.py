@@ -125,7 +125,9 @@ def observe(
     settings, clock = replace(settings, mask_moments=settings.mask_moments.of(shot)), Stopwatch()
     registered = registered or register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
-    sound, doubts = _examined(registered.shot, progress)
+    # Dead lines and hot pixels are closed: their masks are set to zero.
+    sound, faulty = close_faulty_pixels(registered.shot)
+    doubts = said((*doubts_about(registered.shot), *doubt_about_lamps(sound), *faulty), progress)
     holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)
 
     first = (look_closer if settings.may_look_again else look)(
@@ -163,12 +165,6 @@ def _fits(
 def as_shown(score: Score | None, light: Brightness) -> Score | None:
     """Return a score that gives evenly lit views the brightness of the delivered ones before it judges them."""
     return None if score is None else lambda views: score(light.shown(views))
-
-
-def _examined(shot: Shot, progress: Progress) -> tuple[Shot, Findings]:
-    """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
-    sound, faulty = close_faulty_pixels(shot)
-    return sound, said((*doubts_about(shot), *doubt_about_lamps(sound), *faulty), progress)
 
 
 def _mask_moments(first: FirstLook, lens: Lens | None, settings: Settings, progress: Progress) -> MaskMoments | None:

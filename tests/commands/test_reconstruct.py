@@ -74,11 +74,14 @@ def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, cap
     assert "compiles its kernels" in capsys.readouterr().out
 
 
-def test_an_earlier_run_is_replaced_only_when_asked_and_the_index_chooses_the_shot(measured, tmp_path):
+def test_an_earlier_run_is_replaced_only_when_asked_and_the_index_chooses_the_shot(measured, tmp_path, capsys):
     folder = quickly(measured, tmp_path / "run")
+    assert "holds 2 exposures, and this is the first: --together" in capsys.readouterr().err
     with pytest.raises(StorageError, match="not empty"):
         quickly(measured, folder)
+    capsys.readouterr()
     quickly(measured, folder, index=1, overwrite=True)
+    assert "exposures" not in capsys.readouterr().err
     assert read_report(folder).name == "noise 1"
 
 

@@ -52,7 +52,7 @@ class _Ramp(ctypes.Structure):
 
     @property
     def levels(self) -> NDArray[np.uint16]:
-        """Get its three channels, [3, size], a view."""
+        """Get a copy of its three channels, [3, size]."""
         return np.stack([np.ctypeslib.as_array(one, (self.size,)) for one in (self.red, self.green, self.blue)])
 
 
@@ -148,7 +148,7 @@ class X11Levels:
         found = self._randr.XRRGetCrtcGamma(self._display, number)
         if not found:
             return None
-        levels = found.contents.levels.copy() if found.contents.size > 1 else None
+        levels = found.contents.levels if found.contents.size > 1 else None
         self._randr.XRRFreeGamma(found)
         return levels
 

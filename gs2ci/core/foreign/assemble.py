@@ -16,12 +16,12 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
-from gs2ci.core.foreign.camera_files import CameraFile, is_camera_file, read_calibration
+from gs2ci.core.foreign.camera_files import HALF_A_PIXEL, CameraFile, is_camera_file, read_calibration
 from gs2ci.core.foreign.colours import COLOURS, one_reading
-from gs2ci.core.foreign.container import Array
+from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.fields import Fields
 from gs2ci.core.foreign.gathered import Found, chosen_masks, find, weights_of
-from gs2ci.core.foreign.opening import load_single
+from gs2ci.core.foreign.opening import load_single, open_foreign
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
@@ -274,7 +274,7 @@ class _Import:
         if self.camera_file is not None:
             given = Array(str(given), self.camera_file.intrinsics)
         elif isinstance(given, Path):
-            given = load_single(given)
+            given = self._load("intrinsics", open_foreign(given)) or load_single(given)
         given = given or self._load("intrinsics") or self._load("focal")
         if given is None:
             self.guesses.append("camera: no intrinsics given; the focal length will have to be estimated")
@@ -288,6 +288,9 @@ class _Import:
             if not self.camera_file.distortion.any():
                 return None
             given = Array(str(self.options.intrinsics), self.camera_file.distortion)
+        said = self.options.intrinsics
+        if given is None and isinstance(said, Path) and self.camera_file is None:
+            given = self._load("distortion", open_foreign(said))
         given = given or self._load("distortion")
         if given is None:
             return None
@@ -347,9 +350,17 @@ class _Import:
         stated = {name: error for name, error in errors.items() if error is not None}
         return {"telemetry": stated} if stated else {}
 
-    def _load(self, role: roles.Role) -> Array | None:
-        key = roles.key_of(self.found.container, role, None, self.guesses)
-        return None if key is None else self.found.container.load(key)
+    def _load(self, role: roles.Role, container: Container | None = None) -> Array | None:
+        """Load what plays a role in the measurement's file, or in another."""
+        holder = container or self.found.container
+        key = roles.key_of(holder, role, None, self.guesses)
+        if key is None:
+            return None
+        loaded = holder.load(key)
+        if key.lower() != "mtx" or loaded.values.shape != (3, 3):
+            return loaded
+        self.guesses.append(f"{loaded.where}: half a pixel was added to cx and cy, as OpenCV counts from pixel centres")
+        return Array(loaded.where, loaded.values + HALF_A_PIXEL)
 
     def _stack_of_poses(self, given: Array, *, camera_to_world: bool = False) -> F64:
         shots, chosen, given_masks = len(self.readings), list(self.settled.shown), self.settled.given

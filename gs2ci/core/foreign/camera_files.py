@@ -18,7 +18,6 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL, rigid
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.foreign.camera import FEWEST_COEFFICIENTS
-from gs2ci.core.foreign.container import damage_as_input_error
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.natural_order import natural_order
@@ -43,7 +42,7 @@ _COEFFICIENT_TOLERANCE: Final = 1e-5
 # OpenCV's files, in which ROS keeps its calibrations as well.
 _CALIBRATIONS: Final = (".yml", ".yaml", ".xml")
 _OF_A_MODEL: Final = ("cameras.txt", "cameras.bin", "images.txt", "images.bin")
-_HALF_A_PIXEL: Final = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+HALF_A_PIXEL: Final = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
 # Aspect ratios of a sensor and of its reduced pictures agree up to rounding to whole pixels.
 _ASPECT_TOLERANCE: Final = 0.02
@@ -168,9 +167,16 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     def flat(node: Any) -> list[Any]:
         return [one for k in range(node.size()) for one in flat(node.at(k))] if node.isSeq() else [node]
 
-    with damage_as_input_error(f"{path} is not a transforms.json, nor a calibration as OpenCV writes it"):
+    try:
         file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # its nodes die with it
         collect("", file.root())
+    except Exception as error:
+        # What it raises of files of others, such as Metashape's, says nothing of them.
+        raise InputError(
+            f"{path} is not a transforms.json, nor a calibration as OpenCV writes it",
+            allowed=_ALLOWED,
+            remedy="Metashape and RealityCapture export OpenCV's calibrations and COLMAP's models as well",
+        ) from error
     # Kalibr and EuRoC write fx fy cx cy.
     if len(four := numbers.get("intrinsics", np.empty(0))) == 4:
         numbers["intrinsics"] = np.array([four[0], 0, four[2], 0, four[1], four[3], 0, 0, 1])
@@ -179,8 +185,8 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     if len(matrices) != 1:
         raise InputError(
             f"{path} holds {len(matrices)} camera matrices{': ' * bool(matrices)}{', '.join(matrices)}",
-            allowed="a calibration of one camera, as OpenCV, ROS and Kalibr write it",
-            remedy="give the matrix as --intrinsics fx fy cx cy, and the lens as --distortion",
+            allowed="a calibration of one camera, as OpenCV, ROS and Kalibr write it; for poses " + _ALLOWED,
+            remedy="give the matrix as --intrinsics fx fy cx cy, the lens as --distortion, poses as [N, 4, 4] (.npy)",
         )
     for model in models:
         _require_model(path, model, ("plumb_bob", "rational_polynomial", "radtan", "radial-tangential"))
@@ -194,7 +200,7 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
         sides = list(numbers["resolution"][::-1, None])
     have = None if sides[0] is None or sides[1] is None else (int(sides[0][0]), int(sides[1][0]))
     # In OpenCV pixel centres lie at whole numbers.
-    centred = matrix.reshape(3, 3) + _HALF_A_PIXEL
+    centred = matrix.reshape(3, 3) + HALF_A_PIXEL
     return CameraFile(np.empty((0, 4, 4)), _scaled(centred, have, size, path), lens, np.empty((0, 3)), ())
 
 

@@ -24,6 +24,8 @@ _WAYS_OUT: Final = {
     "a MATLAB cell array": "save it as one array: masks = cat(3, NAME{:}); save('FILE.mat', 'meas', 'masks')",
     "a MATLAB sparse matrix": "save it as full(NAME)",
     "complex numbers": "save their real part or magnitude, whichever is the reading",
+    "numbers compressed by a plug-in of HDF5": "save it again with gzip or without compression (in Python, "
+    "`import hdf5plugin` reads it)",
     "Python objects": "if it is a dict: np.savez('FILE.npz', **np.load(PATH, allow_pickle=True).item())",
 }
 

@@ -20,11 +20,15 @@ from gs2ci.core.limits import DEFLATE_LIMIT
 
 _CLASS: Final = "MATLAB_class"
 _OCTAVE: Final = "OCTAVE_NEW_FORMAT"
+# R's rhdf5 says so of numbers, and Julia's JLD and JLD2 begin their files with their name.
+_RHDF5: Final = "rhdf5-NA.OK"
+_JULIA: Final = (b"HDF5-based Julia", b"Julia data file")
 # By which netCDF packs numbers into integers (CF conventions, 8.1), and their values where they are left out.
 _PACKED: Final = {"scale_factor": 1.0, "add_offset": 0.0, "_FillValue": np.nan}
 _CELL: Final = {"cell": "cell array"}
 # Detectors write their frames two or three groups deep (NeXus: entry/data/data).
 _DEEPEST: Final = 6
+_OF_R: Final = "an HDF5 file of R or Julia, whose axes are taken as they are counted there"
 # Among programs that write no class, those that count axes from the other end cannot be told from h5py.
 _NOT_BY_SAVE: Final = (
     "an HDF5 file without MATLAB's classes, whose axes are taken as h5py shows them; MATLAB's h5write and Julia "
@@ -46,6 +50,8 @@ def read_mat73(path: Path) -> Container:
         entries = dict(_entries(path, file, "", 0))
         arrays = [file[key] for key, entry in entries.items() if entry.kind == "number"]
         note = "" if all(_is_reversed(array) for array in arrays) else _NOT_BY_SAVE
+        if _begins_as_julia(file) or any(_RHDF5 in array.attrs for array in arrays):
+            note = _OF_R
     return Container(path, entries, lambda key: _load73(path, key), note)
 
 
@@ -66,7 +72,12 @@ def _entries(path: Path, group: h5py.Group, prefix: str, depth: int) -> Iterator
 
 def _is_reversed(node: h5py.Dataset) -> bool:
     """Tell whether an array's axes stand in MATLAB's order: MATLAB says its class, Octave marks the group about it."""
-    return _CLASS in node.attrs or _OCTAVE in node.parent.attrs
+    return _CLASS in node.attrs or _RHDF5 in node.attrs or _OCTAVE in node.parent.attrs or _begins_as_julia(node.file)
+
+
+def _begins_as_julia(file: h5py.File) -> bool:
+    with Path(file.filename).open("rb") as stream:
+        return stream.read(32).startswith(_JULIA)
 
 
 def _entry73(path: Path, group: h5py.Group, name: str, key: str) -> ArrayEntry:
@@ -80,6 +91,9 @@ def _entry73(path: Path, group: h5py.Group, name: str, key: str) -> ArrayEntry:
         shape = shape[::-1]
     if node.is_virtual or node.external:
         return ArrayEntry(shape, "a link")
+    filters = node.id.get_create_plist()
+    if not all(h5py.h5z.filter_avail(filters.get_filter(k)[0]) for k in range(filters.get_nfilters())):
+        return ArrayEntry(shape, "numbers compressed by a plug-in of HDF5")
     kind = node.attrs.get(_CLASS, b"")
     if kind == b"char":
         check_bytes(f"{path}, key {key!r}", shape, node.dtype.itemsize, 2**16, expansion=1)

@@ -184,7 +184,10 @@ def _in_order(file: Path, page: NDArray[Any]) -> NDArray[Any]:
     """Turn OpenCV's blue, green, red, opacity round, and leave out an opacity that is full everywhere."""
     if page.ndim == 3 and page.shape[2] == 4:
         if (page[..., 3] != page[..., 3].max()).any():
-            raise InputError(f"{file}: a picture that is partly transparent", remedy="save it without transparency")
+            raise InputError(
+                f"{file}: a picture that is partly transparent",
+                remedy="save it without transparency; four masks page by page (tifffile: photometric='minisblack')",
+            )
         page = page[..., :3]
     return page[..., ::-1] if page.ndim == 3 else page
 

@@ -29,7 +29,7 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "measurement": ("meas", "measurement", "measurements", "meas_bayer", "snapshot", "coded", "y"),
     "masks": ("masks", "mask", "mask_bayer", "phi", "patterns", "codes"),
     "truth": ("truth", "orig", "ground_truth", "groundtruth", "gt", "views", "orig_bayer"),
-    "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix"),
+    "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix", "mtx", "cameramatrix"),
     "focal": ("focal_px", "focal"),
     "distortion": ("distortion", "dist", "dist_coeffs", "distcoeffs", "distortion_coefficients"),
     "world_to_camera": ("world_to_camera", "w2c", "extrinsics"),

@@ -41,6 +41,9 @@ _LEAST_BACKGROUND: Final = 0.01
 _THE_SAME: Final = 1e-3
 
 
+_PLANES: Final = "is each bit a mask, as in the pictures of a modulator (np.unpackbits)"
+
+
 @dataclass(frozen=True)
 class SettledReadings:
     """Masks and readings as the numbers show them.
@@ -72,6 +75,11 @@ class _Settling:
     is_mosaic: bool
     has_dark: bool
     guesses: list[str]
+
+    def may_be_planes(self, masks: int) -> bool:
+        """Tell whether so few masks are of bytes, each of whose bits may be one."""
+        values = self.masks.values
+        return masks <= COLOURS and values.dtype == np.uint8 and len(np.unique(values)) > 2
 
     @property
     def saturation(self) -> float | None:
@@ -276,9 +284,7 @@ class _Settling:
         lacking = left > least + _SIGMAS * growth.slope_error and found.unexplained > _PATTERN_OF_IT * left
         if lacking:
             masks = int(found.shown.sum())
-            planes = ""
-            if masks <= COLOURS and self.masks.values.dtype == np.uint8:
-                planes = "; or is each bit a mask, as in the pictures of a modulator (np.unpackbits)?"
+            planes = f"; or {_PLANES}?" if self.may_be_planes(masks) else ""
             self.guesses.append(
                 f"WARNING: {self.measurement.where}: {left:.0%} of the light and {found.unexplained:.0%} of the fine "
                 f"pattern are explained neither by these {masks} masks nor by texture: were more masks shown than the "
@@ -332,6 +338,8 @@ def settle(
     if examined.undone is not None:
         traced = work.pattern(examined.readings, coding)
     lacking = False
+    if examined.curved and work.may_be_planes(given):
+        guesses.append(f"WARNING: {masks.where}: {given} masks of bytes: {_PLANES}?")
     if examined.undone is None and not examined.curved:
         clipped = bool(np.isfinite(light.clip_of(question.image, work.saturation)))
         lacking = work.report_traces(found, examined.growth, clipped)

@@ -30,7 +30,13 @@ _AXES: Final = "xyz"
 # What may stand beside the axis and the unit in the name of a column: stage_x_mm, PosX (mm), X Position [mm].
 _POSITIONS: Final = {"position", "pos", "stage", "axis", "actual"}
 # Columns that turn the camera; a log that has them is not read without them.
-_TURNS: Final = re.compile(r"(yaw|pitch|roll|tilt|angle|theta|phi|rot|quat|q[wxyz]|r[xyz])", re.IGNORECASE)
+_TURNS: Final = re.compile(
+    r"(?<![a-z])(?:yaw|pitch|roll|tilt|angle|theta|phi|psi|omega|kappa|heading|azimuth|elevation|rot|quat|q[wxyz]"
+    r"|r[xyz]|[rm]\d[012])"
+)
+_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
+# How hexapods (PI) and robots (Kuka) name the angles beside x, y, z.
+_LETTERS: Final = ({"u", "v", "w"}, {"a", "b", "c"})
 # The columns of a trajectory in TUM's order, and how others name them: tx, pos_x, quat_x, p_RS_R_x [m], q_RS_w [].
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _IN_POSE: Final = re.compile(r"(?:(q)(?:uat[a-z]*)?|t|p|pos|position|)(?:_(?:\w+_)?)?([wxyz])\s*(?:\[.*\])?")
@@ -145,16 +151,23 @@ def _by_name(path: Path, names: Sequence[str], columns: F64, guesses: list[str])
                 raise InputError(f"{path}: two columns for {_AXES[axis]}", allowed=_HOW)
             found[axis] = column * _MM.get(unit, 1.0)
             guesses.append(f"{path.name}: {name} = {_AXES[axis]}, {f'in {unit}' if unit else 'of no named unit'}")
-        elif _TURNS.match(name.strip()) and np.ptp(column) != 0:
+        elif np.ptp(column) != 0 and _turns(name, names):
             raise InputError(
                 f"{path}: column {name} turns the camera, and a log of positions cannot say how",
                 allowed="a log of a stage that does not turn, or poses [N, 4, 4] in an .npy file",
                 remedy="make poses of it: world-to-camera matrices, OpenCV axes",
             )
-        else:
+        elif name:
             unused.append(name)
     if not found:
         raise InputError(f"{path}: columns {', '.join(names)}, none of them a position", allowed=_HOW)
     if unused:
         guesses.append(f"{path.name}: not used: {', '.join(unused)}")
     return np.stack([found.get(axis, np.zeros(len(columns))) for axis in range(3)], axis=1)
+
+
+def _turns(name: str, names: Sequence[str]) -> bool:
+    """Tell whether a column's name, among the others, says that it turns the camera."""
+    every = {one.strip().lower() for one in names}
+    letter = any(letters <= every and name.strip().lower() in letters for letters in _LETTERS)
+    return letter or _TURNS.search(_CAMEL.sub("_", name).lower()) is not None

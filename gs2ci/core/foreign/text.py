@@ -18,7 +18,10 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import ArrayEntry, Container, check_bytes, damage_as_input_error
 
 # A number can begin with these; a file of another beginning is no table without names.
-_BEGINNINGS: Final = frozenset(b"0123456789+-.#")
+_BEGINNINGS: Final = frozenset(b'0123456789+-.#,;"')
+# Where columns are counted from; poses have at most so many numbers a row, of which the first may count, too.
+_FROM: Final = (0, 1)
+_MOST_IN_A_POSE: Final = 16
 _UTF16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -44,9 +47,23 @@ def read_text(path: Path) -> Container:
     """
     stored_bytes = path.stat().st_size
     check_bytes(str(path), (stored_bytes,), 1, stored_bytes, 1)
-    columns = table(path, "rows of as many numbers each, without names").columns
+    columns, note = _without_labels(table(path, "rows of as many numbers each, without names"))
     values = columns[:, 0] if columns.shape[1] == 1 else columns
-    return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda _: values)
+    return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda _: values, note)
+
+
+def _without_labels(read: Table) -> tuple[F64, str]:
+    """Leave out what only numbers rows and columns, as pandas and R write them; and say so."""
+    rows, columns = read.columns.shape
+    if len(read.names) > 1 and not read.names[0].strip():
+        return read.columns[:, 1:], "names of columns, and a first column without one, which names rows: left out"
+    if (
+        rows > 1
+        and columns > _MOST_IN_A_POSE
+        and any((read.columns[0] == np.arange(k, columns + k)).all() for k in _FROM)
+    ):
+        return read.columns[1:], "a first row that counts the columns: left out"
+    return read.columns, ""
 
 
 def table(path: Path, allowed: str) -> Table:
@@ -62,14 +79,17 @@ def table(path: Path, allowed: str) -> Table:
     with damage_as_input_error(str(path)):
         if not path.is_file():
             raise InputError(f"{path}: no such file", remedy="check the name")
-        lines = [line.strip() for line in _decoded(path.read_bytes()).splitlines() if line.strip()]
+        stored = [line for line in _decoded(path.read_bytes()).splitlines() if line.strip()]
+        lines = [line.strip() for line in stored]
     names, unmarked = [], [line for line in lines if not line.startswith("#")]
     if not unmarked:
         raise InputError(f"{path}: no rows", allowed=allowed)
     mark = next((one for one in ";\t" if one in unmarked[0]), "," if "," in unmarked[0] else None)
     rows = [_split(line, mark) for line in unmarked]
-    if _numbers(rows[0], mark) is None:
-        names, rows = [name.strip() for name in rows[0]], rows[1:]
+    # A tab before the names stands for the column of rows' names, which has none.
+    lacks_one = len(rows) > 1 and len(rows[0]) == len(rows[1]) - 1 and stored[0].lstrip(" ").startswith("\t")
+    if _numbers(rows[0], mark) is None or lacks_one:
+        names, rows = [""] * lacks_one + [name.strip() for name in rows[0]], rows[1:]
     elif lines[0].startswith("#"):  # as numpy.savetxt writes a header
         said = next(csv.reader([lines[0].lstrip("# ")], delimiter=mark or " "))
         names = said if len(said) == len(rows[0]) else []

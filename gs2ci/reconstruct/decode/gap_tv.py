@@ -110,7 +110,7 @@ def decode_signed(
     denoiser: Denoiser = TotalVariation(weight_per_sigma=1.0, inner=settings.inner, coupling=settings.coupling)
     if settings.clamped:
         denoiser = clamped(denoiser)
-    weighed = None if noise is None else ReadingNoise(noise, _error_power)
+    weighed = None if noise is None else ReadingNoise(noise, lambda weight: _GRADIENT * weight)
     return plug_and_play(shot, denoiser, schedule, progress, noise=weighed)
 
 
@@ -122,10 +122,6 @@ def _by_channel(shot: Shot, settings: GapTvSettings, noise: F32 | None) -> F32:
         one = replace(shot, measurement=np.ascontiguousarray(shot.measurement[..., of_one]), truth=Truth())
         found[..., of_one] = decode_signed(one, settings, noise=None if noise is None else noise[..., of_one])
     return found
-
-
-def _error_power(weight: float) -> float:
-    return _GRADIENT * weight
 
 
 RESIDUAL: Final = GapTvSettings(iterations=5, weight=0.02)

@@ -80,8 +80,14 @@ def seen_alone(views: ViewsTogether) -> tuple[float, ...]:
 
 
 _STACKED: Final = (
-    *("views", "scene_views", "decode", "exposed_views"),
-    *("depth", "depth_spread", "depth_confidence", "world_to_camera"),
+    "views",
+    "scene_views",
+    "decode",
+    "exposed_views",
+    "depth",
+    "depth_spread",
+    "depth_confidence",
+    "world_to_camera",
 )
 _ERRORS: Final = tuple(field.name for field in fields(Uncertainty))
 

@@ -130,7 +130,9 @@ def repeats(first: FirstLook, other: FirstLook) -> float | None:
     fewest = min(int(look.holdout.pixels.sum()) for look in (first, other))
     if ratio > _MOST_MISFIT + _ERRORS / math.sqrt(2 * fewest):
         return None
-    if _largest_px(0.5 * (predicted[0].displacement_px() - predicted[1].displacement_px())) > _APART_PX:
+    apart = 0.5 * (predicted[0].displacement_px() - predicted[1].displacement_px())
+    # The largest of a view.
+    if np.linalg.norm(np.abs(apart).sum(axis=1)) > _APART_PX:
         return None
     brightness = math.sqrt(predicted[0].light / predicted[1].light)
     return 1.0 if abs(brightness - 1) < _ALIKE else brightness
@@ -175,11 +177,6 @@ class _Predicted:
         ]
         found = np.linalg.lstsq(np.stack(moved, axis=1).astype(np.float64), self.left.ravel(), rcond=None)[0]
         return np.asarray(found, np.float64).reshape(2, 2)
-
-
-def _largest_px(displacement: F64) -> float:
-    """Return the largest displacement of a view."""
-    return float(np.linalg.norm(np.abs(displacement).sum(axis=1)))
 
 
 def decode(looks: Sequence[FirstLook], settings: Settings) -> CommonDecode:

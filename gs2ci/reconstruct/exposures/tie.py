@@ -238,7 +238,7 @@ def _finite(one: Untied) -> bool:
     return all(np.isfinite(part).all() for part in parts) and all((depth > 0).all() for depth in depths)
 
 
-def _likely(pictures: dict[int, tuple[MeanPicture, ...]], textured: Sequence[int]) -> list[tuple[int, int]]:
+def _likely(pictures: dict[int, Pictures], textured: Sequence[int]) -> list[tuple[int, int]]:
     """Choose the pairs that are matched."""
     every = list(itertools.combinations(textured, 2))
     if len(textured) <= _ALL_PAIRS:
@@ -258,9 +258,7 @@ def _strongest(picture: MeanPicture) -> F32:
     return picture.descriptors[::step][:_STRONGEST]
 
 
-def _found_again(
-    pictures: dict[int, tuple[MeanPicture, ...]], frame: Closed, pairs: dict[tuple[int, int], Pair]
-) -> dict[tuple[int, int], Pair]:
+def _found_again(pictures: dict[int, Pictures], frame: Closed, pairs: Pairs) -> Pairs:
     """Return pairs of tied exposures that features did not tie, but that see the same things where loops say."""
     missed = [
         pair
@@ -296,7 +294,7 @@ def _left_out(
     number: int,
     finite: Sequence[int],
     textured: Sequence[int],
-    pairs: dict[tuple[int, int], Pair],
+    pairs: Pairs,
     frame: Closed,
 ) -> NotTied:
     if number not in finite:

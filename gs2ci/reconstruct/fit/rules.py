@@ -44,13 +44,11 @@ def with_rule(settings: CoarseSettings, name: str) -> CoarseSettings:
     """
     if settings.density.name == name:
         return settings
-    choice = _RULES.get(name) or (_of_the_paper(name) if name in RULE_NAMES else _plugged(name))
+    choice = _RULES.get(name)
+    if choice is None:
+        choice = paper_part(PaperPart.DENSITY_RULES)[name] if name in RULE_NAMES else _plugged(name)
     loss = replace(settings.loss, opacity=choice.opacity, size=choice.size)
     return replace(settings, density=choice.rule(), loss=loss)
-
-
-def _of_the_paper(name: str) -> RuleChoice:
-    return paper_part(PaperPart.DENSITY_RULES)[name]
 
 
 def _plugged(name: str) -> RuleChoice:

@@ -244,11 +244,7 @@ def _asked(request: Request, name: str, progress: Progress) -> _Answer:
     try:
         return _judged(request, name, load_geometry_prior(name)(request, progress))
     except Gs2ciError as error:
-        return _failed(name, error.problem)
-
-
-def _failed(name: str, problem: str) -> _Answer:
-    return _Answer(None, float("inf"), f"the {name} failed ({problem})")
+        return _Answer(None, float("inf"), f"the {name} failed ({error.problem})")
 
 
 def _judged(request: Request, name: str, geometry: Geometry) -> _Answer:

@@ -65,7 +65,8 @@ def second_look(
     found = from_tracks(Request.of(first.holdout.seen, views, settings.geometry, lens), progress)
     if not found.has_path:
         return None
-    if _covariance(found.inverse_depth, before.inverse_depth) < 0:
+    one, other = found.inverse_depth, before.inverse_depth
+    if np.mean((one - one.mean()) * (other - other.mean())) < 0:
         # The order of depth was settled before; tracks alone may not reverse it.
         found = turned(found)
     geometry = replace(
@@ -99,7 +100,3 @@ def _found_in_fit(
         return None
     note = finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)
     return replace(first, geometry=replace(found, order_errors=None, notes=(*found.notes, note)))
-
-
-def _covariance(one: F32, other: F32) -> float:
-    return float(np.mean((one - one.mean()) * (other - other.mean())))

@@ -18,7 +18,6 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.coarse.pace import Pace, Timed
-from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble, Member, advance_together, combined, members
 from gs2ci.reconstruct.fit.combining.refinement import Refinement
@@ -130,7 +129,9 @@ class Fits:
         geometry, start = self.beginning(first, first.decoded)
         timed = Timed(_TIMED_ITERATIONS, 1.0 if self.mask_moments is None else self.mask_moments.per_mask)
         member = Member(start, fit.density, self.settings.seed)
-        self._trying(brief).run_of(geometry, member, Silent(), timed).advance()
+        # Neither scored nor ended early.
+        trial = replace(self, settings=replace(self.settings, fit=brief), score=None, halt=Halt())
+        trial.run_of(geometry, member, Silent(), timed).advance()
         self.clock.lap("fit")
         return timed
 
@@ -231,7 +232,3 @@ class Fits:
 
     def _monitoring(self, progress: Progress) -> Monitoring:
         return Monitoring(progress, self.clock.began_s, self.halt)
-
-    def _trying(self, fit: CoarseSettings) -> "Fits":
-        """Return the same for auxiliary fits: they are neither scored nor ended early."""
-        return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())

@@ -33,7 +33,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.halves import squared_distance
 from gs2ci.reconstruct.geometry.path.validity import halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources.sources import matched_motion
+from gs2ci.reconstruct.geometry.sources.wide import wide_motion
 from gs2ci.reconstruct.measurement.brightness import estimate
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
@@ -71,7 +71,7 @@ def look_far_apart(
     progress.say("The views may lie far apart: features are matched again in a decode by similar patches.")
     request = Request.of(longer.holdout.seen, longer.decoded, settings.geometry, lens)
     try:
-        geometry = matched_motion(request, longer.geometry, tilted=True)
+        geometry = wide_motion(request, longer.geometry, tilted=True)
     except GeometryError as error:
         progress.say(error.problem)
         lap("geometry")

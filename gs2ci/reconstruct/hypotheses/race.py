@@ -140,24 +140,19 @@ class Race:
         if self.fits.halt.asked:
             return (leader,)
         views = self.fits.refine(leader.run.views())
-        return self._to(HALF, self._cut(leader, [self._enter(one) for one in self._proposed(leader, views)]))
+        kept = self._kept(leader, [self._enter(one) for one in self._proposed(leader, views)])
+        return self._to(HALF, (*kept, *self._companions(kept[0], len(kept) - 1)))
 
     def _proposed(self, leader: Entrant, views: F32) -> list[Hypothesis]:
         """Return what is proposed after a look at the views of a leader whose path is in doubt."""
-        first, found = leader.hypothesis.look, []
+        first, order = leader.hypothesis.look, leader.hypothesis.order
         again = second_look(first, views, self.fits.lens, self._settings, self.fits.progress)
-        if again is not None and not self.fits.halt.asked:
-            order = leader.hypothesis.order
-            if first.geometry.lacks_path:
-                settled, order = self.fits.order_of(replace(again, decoded=views))
-                again = replace(again, geometry=settled.geometry)
-            found.append(Hypothesis(Origin.AGAIN, again, views, order))
-        return found
-
-    def _cut(self, leader: Entrant, entered: list[Entrant]) -> tuple[Entrant, ...]:
-        """Return those that go on after a quarter of the schedule, and companions of the best."""
-        kept = self._kept(leader, entered)
-        return (*kept, *self._companions(kept[0], len(kept) - 1))
+        if again is None or self.fits.halt.asked:
+            return []
+        if first.geometry.lacks_path:
+            settled, order = self.fits.order_of(replace(again, decoded=views))
+            again = replace(again, geometry=settled.geometry)
+        return [Hypothesis(Origin.AGAIN, again, views, order)]
 
     def _kept(self, leader: Entrant, entered: list[Entrant]) -> list[Entrant]:
         """Return those that are not far behind after a quarter of their schedule, at most two, the best first.

@@ -46,7 +46,8 @@ class UNet:
 
     def _stage(self, name: str, x: Tensor) -> Tensor:
         for i, layer in enumerate(self.stages[name]):
-            how = {"stride": _stride(name, i), "padding": 1, "groups": _groups(name, i)}
+            stride = 2 if name in ("downc0", "downc1") and i == 0 else 1
+            how = {"stride": stride, "padding": 1, "groups": _groups(name, i)}
             x = functional.conv2d(x, layer.weight, layer.bias, **how)
             x = functional.relu(x) if layer.normalised else x
         return x
@@ -123,10 +124,6 @@ def _fits(stages: dict[str, tuple[Convolution, ...]]) -> bool:
                 return False
         given[stage] = channels
     return channels == 3
-
-
-def _stride(stage: str, layer: int) -> int:
-    return 2 if stage in ("downc0", "downc1") and layer == 0 else 1
 
 
 def _groups(stage: str, layer: int) -> int:

@@ -165,11 +165,6 @@ def _reducer(reduce: Callable[..., Tensor]) -> Operator:
     return run
 
 
-def _root(parts: Sequence[Tensor], _: Attributes) -> Tensor:
-    # The derivative of a root at zero is infinite, and zero times infinity is NaN: dead features give such zeros.
-    return parts[0].clamp(min=torch.finfo(torch.float32).tiny).sqrt()
-
-
 _OPERATORS: Final[dict[str, Operator]] = {
     "Conv": _conv,
     "MaxPool": _max_pool,
@@ -180,7 +175,8 @@ _OPERATORS: Final[dict[str, Operator]] = {
     "Mul": lambda parts, _: parts[0] * parts[1],
     "Div": lambda parts, _: parts[0] / parts[1],
     "Pow": lambda parts, _: parts[0] ** parts[1],
-    "Sqrt": _root,
+    # The derivative of a root at zero is infinite, and zero times infinity is NaN: dead features give such zeros.
+    "Sqrt": lambda parts, _: parts[0].clamp(min=torch.finfo(torch.float32).tiny).sqrt(),
     "ReduceSum": _reducer(torch.sum),
     "ReduceMean": _reducer(torch.mean),
 }

@@ -127,8 +127,24 @@ def _regressed(pictures: list["_Picture"], field: F64 | None) -> _Blocks | None:
     """Regress pictures on displacements beside those of a field, [rows, columns, 2 F]; None if no block tells."""
     regressions = [picture.regression(field) for picture in pictures]
     gram, moment, power, pixels = (np.sum([one[part] for one in regressions], axis=0) for part in range(4))
-    clear: Bool = np.all([one[4] for one in regressions], axis=0)
-    return _solved(gram, moment, power, pixels, clear)
+    tells: Bool = np.all([one[4] for one in regressions], axis=0) & (pixels >= LEAST_PIXELS)
+    if not tells.any():
+        return None
+    gram, moment, power, count = gram[tells], moment[tells], power[tells], pixels[tells]
+    unknowns = gram.shape[-1]
+    inverse = np.linalg.inv(ridged(gram))
+    found = inverse @ moment
+    freedom = np.maximum(count - unknowns, 1)[:, None]
+    variance = np.maximum(power - (found * moment).sum(axis=1), 0) / freedom
+    # The first residual is that of the block itself.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_chance = ((found * moment).sum(axis=1) / variance)[:, 1:]
+    by_chance = by_chance[np.isfinite(by_chance)]
+    # The squared length of a normal vector of so many dimensions.
+    expected = float(chdtri(unknowns, 0.5))
+    inflated = max(1.0, float(np.median(by_chance)) / expected) if by_chance.size else 1.0
+    covariance = inverse * (inflated * variance[:, 0])[:, None, None]
+    return np.argwhere(tells), found[..., 0], covariance, tells.shape
 
 
 def _field(places: I64, px: F64, covariance: F64, grid: tuple[int, ...]) -> F64:
@@ -149,28 +165,6 @@ def over_blocks(blocks: F64) -> F64:
     flat = blocks.reshape(*blocks.shape[:2], -1)
     blurred = cv2.GaussianBlur(flat, (0, 0), _FIELD_BLOCKS, borderType=cv2.BORDER_CONSTANT)
     return blurred.reshape(blocks.shape)
-
-
-def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> _Blocks | None:
-    """Solve the regressions of blocks; see `_Picture.regression`."""
-    tells = tells & (pixels >= LEAST_PIXELS)
-    if not tells.any():
-        return None
-    gram, moment, power, count = grams[tells], moments[tells], powers[tells], pixels[tells]
-    unknowns = gram.shape[-1]
-    inverse = np.linalg.inv(ridged(gram))
-    found = inverse @ moment
-    freedom = np.maximum(count - unknowns, 1)[:, None]
-    variance = np.maximum(power - (found * moment).sum(axis=1), 0) / freedom
-    # The first residual is that of the block itself.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        by_chance = ((found * moment).sum(axis=1) / variance)[:, 1:]
-    by_chance = by_chance[np.isfinite(by_chance)]
-    # The squared length of a normal vector of so many dimensions.
-    expected = float(chdtri(unknowns, 0.5))
-    inflated = max(1.0, float(np.median(by_chance)) / expected) if by_chance.size else 1.0
-    covariance = inverse * (inflated * variance[:, 0])[:, None, None]
-    return np.argwhere(tells), found[..., 0], covariance, tells.shape
 
 
 class _Picture:

@@ -147,11 +147,6 @@ def find_peak(seen: F64, known: F64, reach: Size, element: float) -> Peak:
     return Peak(float(down), float(right), ratio, deviations)
 
 
-def reach_of(size: Size, most_px: int = 64) -> Size:
-    """Return the largest shifts to try along rows and columns: half the picture must still overlap."""
-    return min(most_px, size[0] // 2), min(most_px, size[1] // 2)
-
-
 @dataclass(frozen=True)
 class Tile:
     """One tile of the picture: its middle as (row, column), and the displacement there."""

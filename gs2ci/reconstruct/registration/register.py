@@ -29,7 +29,6 @@ from gs2ci.reconstruct.registration.coarse import (
     find_peak,
     fine_pattern,
     is_flat,
-    reach_of,
     readable,
 )
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
@@ -256,7 +255,9 @@ class _Registration:
             return Peak(), "as given"
         element = element_px(total)
         seen = readable(self.shot, element)
-        reach = reach_of(self.shot.size, self.settings.most_shift_px)
+        # Half the picture must still overlap.
+        most_px, (height, width) = self.settings.most_shift_px, total.shape
+        reach = min(most_px, height // 2), min(most_px, width // 2)
         peak = find_peak(seen, fine_pattern(total, element), reach, element)
         if peak.ratio >= _BEYOND_DOUBT or total.size < _LEAST_ELEMENTS * element**2:
             return peak, "as given"

@@ -362,8 +362,11 @@ def test_calibrations_that_are_none_of_one_camera_are_refused(tmp_path):
     with pytest.raises(InputError, match="holds a equidistant camera"):
         read_calibration(ros(tmp_path, model="equidistant"), SIZE)
     (tmp_path / "broken.xml").write_text("<opencv_storage><a")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=r"nor a calibration as OpenCV writes it.*Metashape"):
         read_calibration(tmp_path / "broken.xml", SIZE)
+    (tmp_path / "path.json").write_text(json.dumps({"camera_path": [{"camera_to_world": np.eye(4).ravel().tolist()}]}))
+    with pytest.raises(InputError, match=r"holds 0 camera matrices.*for poses.*transforms\.json"):
+        read_calibration(tmp_path / "path.json", SIZE)
     with pytest.raises(InputError, match="no camera file"):
         read_calibration(tmp_path / "nothing.yml", SIZE)
 
@@ -417,3 +420,17 @@ def test_names_that_differ_in_no_number_are_refused_unless_the_file_has_their_or
         frame["file_path"] = f"{name}.png"
     found = read_cameras(transforms(tmp_path, 3, frames=held["frames"]), 3, SIZE)
     np.testing.assert_allclose(found.world_to_camera, poses(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_the_arrays_of_opencvs_tutorial_are_camera_and_lens(tmp_path, apart):
+    """np.savez(mtx=..., dist=..., rvecs=..., tvecs=...): refused as --intrinsics, unknown beside."""
+    rng = np.random.default_rng(0)
+    arrays = {"meas": rng.random((*SIZE, 3)), "masks": rng.random((12, *SIZE)) < 0.5}
+    views = {"rvecs": np.zeros((5, 3, 1)), "tvecs": np.ones((5, 3, 1))}
+    camera = {"mtx": CAMERA - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]], "dist": [[0.1, 0, 0, 0.01, 0]], **views}
+    np.savez(tmp_path / "shot.npz", **arrays if apart else arrays | camera)
+    np.savez(tmp_path / "camera.npz", **camera)
+    (shot,) = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.npz" if apart else None).shots
+    np.testing.assert_allclose(shot.intrinsics, CAMERA)
+    assert shot.distortion.tolist() == [0.1, 0, 0, 0.01, 0]

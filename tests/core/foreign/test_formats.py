@@ -87,6 +87,36 @@ def test_hdf5_files_of_other_programs_keep_their_axes(tmp_path, scene, said):
     assert not said(import_shots(tmp_path / "file.mat", None, ImportOptions()), "without MATLAB's classes")
 
 
+@pytest.mark.parametrize("program", ["rhdf5", "JLD2"])
+def test_hdf5_files_of_r_and_julia_have_the_axes_that_are_counted_there(tmp_path, scene, said, program):
+    """rhdf5 marks its arrays, JLD2 0.4 begins its files with its name; both were read with rows for columns."""
+    made = scene(channels=1)
+    with h5py.File(tmp_path / "file.h5", "w", userblock_size=512 if program == "JLD2" else 0) as file:
+        for key, values in (("meas", made.meas[..., 0].T), ("masks", made.masks.transpose(0, 2, 1))):
+            file[key] = values
+            if program == "rhdf5":
+                file[key].attrs["rhdf5-NA.OK"] = np.ones(1, "i4")
+    if program == "JLD2":
+        with (tmp_path / "file.h5").open("r+b") as stream:
+            stream.write(b"HDF5-based Julia Data Format, version 0.1.1\0 (Julia 1.10.4 64-bit LE)\0")
+    imported = import_shots(tmp_path / "file.h5", None, ImportOptions(scale=1.0))
+    assert np.array_equal(imported.shots[0].measurement, made.meas.astype(np.float32))
+    assert np.array_equal(imported.shots[0].masks, made.masks)
+    assert said(imported, "an HDF5 file of R or Julia")
+
+
+def test_numbers_that_a_plug_in_compressed_are_named(tmp_path):
+    """hdf5plugin 7.1.0's Zstandard (32015): "the file is damaged"."""
+    with h5py.File(tmp_path / "file.h5", "w") as file:
+        form = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        form.set_chunk((4, 4))
+        form.set_filter(32015, h5py.h5z.FLAG_OPTIONAL, (3,))
+        h5py.h5d.create(file.id, b"meas", h5py.h5t.NATIVE_INT16, h5py.h5s.create_simple((4, 4)), form)
+        file["masks"] = np.ones((2, 4, 4))
+    with pytest.raises(InputError, match=r"compressed by a plug-in of HDF5.*hdf5plugin"):
+        import_shots(tmp_path / "file.h5", None, ImportOptions())
+
+
 def test_a_pair_of_npy_files_gives_the_shot(tmp_path, scene):
     made = scene()
     np.save(tmp_path / "meas.npy", made.meas)

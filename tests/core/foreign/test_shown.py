@@ -208,3 +208,13 @@ def test_pictures_of_bit_planes_are_named(many, take, said):
     planes = np.packbits(masks.astype(bool), axis=0)
     imported = take(ImportOptions(scale=255.0), meas=read(range(16)), masks=planes)
     assert said(imported, "is each bit a mask, as in the pictures of a modulator")
+
+
+def test_a_picture_of_24_bit_planes_is_named_where_readings_look_curved(take, said):
+    """TI's LightCrafter takes 24 patterns as the bits of one picture; of a still scene only "a logarithm" was told."""
+    rng = np.random.default_rng(5)
+    masks = rng.integers(0, 2, (24, 64, 80))
+    meas = np.einsum("nhw,hw->hw", masks, 20 + 200 * rng.random((64, 80)))
+    planes = np.packbits(masks.astype(bool).reshape(3, 8, 64, 80), axis=1)[:, 0]
+    assert said(take(meas=meas, masks=planes), "is each bit a mask, as in the pictures of a modulator")
+    assert not said(take(meas=np.log(1 + meas), masks=255 * masks[:3].astype(np.uint8)), "is each bit a mask")

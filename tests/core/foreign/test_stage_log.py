@@ -82,6 +82,12 @@ def test_an_array_holds_positions_or_poses(tmp_path, shown):
         ("x_mm,x_um\n0,0\n1,1000\n", "two columns for x"),
         ("time_s,temperature\n0,20\n1,21\n", "columns time_s, temperature, none of them a position"),
         ("x,yaw_deg\n0,0\n1,3.4\n", "column yaw_deg turns the camera"),
+        ("x,stage_yaw\n0,0\n1,3.4\n", "column stage_yaw turns the camera"),
+        ("x,CamRotX\n0,0\n1,3.4\n", "column CamRotX turns the camera"),
+        ("x,y,alt,heading\n0,0,0,0\n1,0,0,5\n", "column heading turns the camera"),
+        ("x,y,z,Omega,Phi,Kappa\n0,0,0,0,0,0\n1,0,0,5,0,0\n", "column Omega turns the camera"),
+        ("X,Y,Z,U,V,W\n0,0,0,0,0,0\n1,0,0,0,0.5,0\n", "column V turns the camera"),
+        ("x,y,z,r11,r12,r13\n0,0,0,1,0,0\n1,0,0,0.9,0.1,0.2\n", "column r11 turns the camera"),
         ("x\n0\nnan\n", "position 2 holds NaN or infinity"),
         ("x\n5\n5\n", "all 2 positions are the same"),
     ],
@@ -89,6 +95,14 @@ def test_an_array_holds_positions_or_poses(tmp_path, shown):
 def test_what_is_no_log_of_positions_is_refused(tmp_path, text, message):
     with pytest.raises(InputError, match=message):
         stage_poses(log(tmp_path, text), USUAL_WAYS, [])
+
+
+def test_columns_beside_positions_that_turn_nothing_are_named(tmp_path):
+    """pandas 3.1.1 writes an index without a name before them."""
+    guesses = []
+    text = ",x_mm,temp_degC,V,pitch_um\n0,0,20.1,3,5\n1,2.5,20.4,4,5\n"
+    assert centres(stage_poses(log(tmp_path, text), USUAL_WAYS, guesses))[1].tolist() == [2.5, 0, 0]
+    assert "stage.csv: not used: temp_degC, V, pitch_um" in guesses
 
 
 def test_a_log_that_cannot_be_read_is_refused(tmp_path):

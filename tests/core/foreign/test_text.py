@@ -46,6 +46,39 @@ def test_a_measurement_may_be_a_text_image(tmp_path, scene):
     assert np.allclose(shot.measurement, made.meas)
 
 
+def labelled(values, mark, head, first=0, quote="{}"):
+    """Write a table with what counts its columns, and what counts its rows, as data frames have it."""
+    names = mark.join(quote.format(f"{head}{k + first}") for k in range(values.shape[1]))
+    return names, [mark.join([quote.format(k + first), *map(str, row)]) for k, row in enumerate(values.tolist())]
+
+
+@pytest.mark.parametrize("form", ["pandas", "pandas, tabs", "pandas without index", "R"])
+def test_a_data_frame_is_a_measurement_without_its_labels(tmp_path, scene, form, said):
+    """pandas 3.1.1, to_csv: "of no known format", or a picture with a row more; R 4.3, write.csv, quotes names."""
+    made = scene(channels=1)
+    meas = np.rint(100 * made.meas[..., 0]).astype(int)
+    if form == "R":
+        names, rows = labelled(meas, ",", "V", 1, '"{}"')
+        names = f'"",{names}'
+    else:
+        mark = "\t" if "tabs" in form else ","
+        names, rows = labelled(meas, mark, "")
+        names = f"{mark}{names}"
+        if "without" in form:
+            names, rows = names[1:], [row.partition(mark)[2] for row in rows]
+    (tmp_path / "meas.csv").write_text("\n".join([names, *rows]) + "\n")
+    np.save(tmp_path / "masks.npy", made.masks)
+    imported = import_shots(tmp_path / "meas.csv", tmp_path / "masks.npy", ImportOptions(scale=1.0))
+    assert np.array_equal(imported.shots[0].measurement[..., 0], meas.astype(np.float32))
+    assert said(imported, "left out")
+
+
+def test_rows_whose_first_number_counts_keep_it(tmp_path):
+    """A trajectory's times, and a camera matrix, are no labels."""
+    np.savetxt(tmp_path / "a.txt", np.arange(24).reshape(3, 8))
+    assert load_single(tmp_path / "a.txt").values.shape == (3, 8)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

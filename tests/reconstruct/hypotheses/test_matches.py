@@ -36,7 +36,7 @@ def answering(monkeypatch, geometry):
         asked.append((request, tracks, tilted))
         return geometry
 
-    monkeypatch.setattr(matches, "matched_motion", matched)
+    monkeypatch.setattr(matches, "wide_motion", matched)
     return asked
 
 

@@ -100,7 +100,7 @@ class SimilarPatches:
         parts = self._lattice.parts(len(views))
         phase, seeks = self._calls % parts, self.seeks(self._calls)
         self._calls += 1
-        given, before = _opponent(views), _opponent(self._last)
+        given, before = _mixed(_OPPONENT, views), _mixed(_OPPONENT, self._last)
         if seeks:
             # Scaled so that white is 1 in a grey and in a coloured picture.
             guide = np.ascontiguousarray(before[:, 0]) / np.float32(np.sqrt(views.shape[1]))
@@ -108,7 +108,8 @@ class SimilarPatches:
         patch = self._lattice.patch((views.shape[2], views.shape[3]))
         fallback = _within_noise(before, given, sigma)
         planes, without_patch = (np.ascontiguousarray(one.swapaxes(0, 1)) for one in (given, fallback))
-        denoised = _restored(_denoise(planes, self._groups[phase], patch, sigma, without_patch).swapaxes(0, 1))
+        smooth = _denoise(planes, self._groups[phase], patch, sigma, without_patch).swapaxes(0, 1)
+        denoised = _mixed(_OPPONENT.T, smooth)
         self._last = denoised.copy()
         return denoised
 
@@ -132,13 +133,6 @@ def _within_noise(before: F32, views: F32, sigma: float) -> F32:
     return views + np.clip(before - views, -most, most)
 
 
-def _opponent(views: F32) -> F32:
-    return views if views.shape[1] == 1 else _mixed(_OPPONENT, views)
-
-
-def _restored(planes: F32) -> F32:
-    return planes if planes.shape[1] == 1 else _mixed(_OPPONENT.T, planes)
-
-
 def _mixed(matrix: F32, views: F32) -> F32:
-    return np.einsum("dc,nchw->ndhw", matrix, views)
+    """Mix the colours of views, [N, C, H, W], if there are several."""
+    return views if views.shape[1] == 1 else np.einsum("dc,nchw->ndhw", matrix, views)

@@ -122,11 +122,7 @@ _MARGIN: Final = 1.1
 
 
 # So many steps with a sparse lattice reach the same result as the whole schedule with the dense one, in the same time.
-_MOST_STEPS: Final = 144
-
-
-def _sparse() -> PatchSettings:
-    return PatchSettings(iterations=_MOST_STEPS, first_sigma=50 / 255, lattice=Lattice().side_by_side)
+_SPARSE: Final = PatchSettings(iterations=144, first_sigma=50 / 255, lattice=Lattice().side_by_side)
 
 
 @dataclass(frozen=True)
@@ -192,7 +188,7 @@ def decode_until(
     Raises:
         InputError: The settings make no sense.
     """
-    settings, progress = (settings or _sparse()).check(), progress or Silent()
+    settings, progress = (settings or _SPARSE).check(), progress or Silent()
     start = decode_signed(shot, begins)
     patches = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
     noise = HeldoutNoise(shot, settings, seed)

@@ -264,7 +264,12 @@ class FitState:
         """
         here, paths = self.scene, [one.poses.world_to_camera() for one in self.exposures]
         evidence = self._gathering.evidence(
-            here, paths, self._dissimilarities, extent=self.extent, cap=self.cap, iteration=iteration
+            here,
+            paths,
+            lambda: [one.dissimilarity(here) for one in self.exposures],
+            extent=self.extent,
+            cap=self.cap,
+            iteration=iteration,
         )
         # Rules draw, and decide, on the host.
         scene = here.map(Tensor.cpu)
@@ -285,9 +290,6 @@ class FitState:
         self._gather(len(self.scene))
         for one in self.exposures:
             one.meet_others()
-
-    def _dissimilarities(self) -> list[Tensor]:
-        return [one.dissimilarity(self.scene) for one in self.exposures]
 
     def snapshot(self, iteration: int) -> Snapshot:
         """Copy the present state."""

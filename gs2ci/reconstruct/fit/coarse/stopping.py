@@ -44,11 +44,6 @@ class HoldOut(Bounded):
 _RISEN: Final = 1.05
 
 
-def has_clearly_risen(least: float, last: float) -> bool:
-    """Tell whether the last held-out residual of a fit is so far above its least that the rise will not pass."""
-    return last > _RISEN * least
-
-
 class Watch:
     """Follows the held-out residual: recognises a new best, and when it has stopped improving."""
 
@@ -108,7 +103,7 @@ class Watch:
         A new beginning does not make that value forgotten, a set-back does.
         """
         long_ago = iteration - self._least_iteration >= self._settings.patience
-        return long_ago and has_clearly_risen(self._least, self._last)
+        return long_ago and self._last > _RISEN * self._least
 
     def stalled(self, iteration: int) -> bool:
         """Tell whether the residual has not improved for as long as patience lasts."""

@@ -10,13 +10,18 @@ So the largest share is taken that the held-out pixels do not surely contradict.
 combination of the candidates corrects it.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_left_over, decode_residual
 from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
 
+@dataclass(frozen=True, eq=False)
 class Refinement:
     """Adds the decoded residual of views to them.
 
@@ -29,23 +34,23 @@ class Refinement:
         InputError: The settings make no sense.
     """
 
-    def __init__(self, holdout: Holdout, settings: GapTvSettings | None, noise: F32 | None = None) -> None:
-        if settings is not None:
-            settings.check()
-        self._holdout = holdout
-        self._seen = holdout.seen
-        self._settings = settings
-        self._noise = noise
+    holdout: Holdout
+    settings: GapTvSettings | None
+    noise: F32 | None = None
 
-    def with_noise(self, noise: F32) -> "Refinement":
-        """Return the same refinement, the noise of the readings known, [H, W, C]."""
-        return Refinement(self._holdout, self._settings, noise)
+    def __post_init__(self) -> None:
+        if self.settings is not None:
+            self.settings.check()
+
+    @cached_property
+    def _seen(self) -> Shot:
+        return self.holdout.seen
 
     def __call__(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32, without the held-out pixels, so that these may judge the result."""
-        if self._settings is None:
+        if self.settings is None:
             return views
-        added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
+        added = decode_residual(self.holdout.every_seen, views, self.settings, self.noise)
         return _plus(views, self.share(views, added), added)
 
     def decode(self, coded: F32) -> F32 | None:
@@ -56,13 +61,13 @@ class Refinement:
         scene lacks, the looks would hide how the scene improves; this ended a fit of photographs (`fern_photos_wide`)
         at its first look.
         """
-        return None if self._settings is None else decode_left_over(self._seen, coded, self._settings, self._noise)
+        return None if self.settings is None else decode_left_over(self._seen, coded, self.settings, self.noise)
 
     def in_full_and_by_share(self, views: F32) -> tuple[F32, F32]:
         """Refine views, [N, H, W, C] float32, by their whole residual and as a call does, with one decode."""
-        if self._settings is None:
+        if self.settings is None:
             return views, views
-        added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
+        added = decode_residual(self.holdout.every_seen, views, self.settings, self.noise)
         in_full = views + added
         return in_full, _plus(views, self.share(views, added), added)
 
@@ -71,15 +76,15 @@ class Refinement:
 
         For the final views, which the held-out pixels no longer judge.
         """
-        if self._settings is None:
+        if self.settings is None:
             return views
-        return _plus(views, 1.0, decode_residual(self._holdout.every_shot, views, self._settings, self._noise))
+        return _plus(views, 1.0, decode_residual(self.holdout.every_shot, views, self.settings, self.noise))
 
     def share(self, views: F32, added: F32) -> float:
         """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""
-        if not self._holdout.pixels.any():
+        if not self.holdout.pixels.any():
             return 1.0
-        left, gained = self._holdout.residual_at_pixels(views), self._holdout.coded_at_pixels(added)
+        left, gained = self.holdout.residual_at_pixels(views), self.holdout.coded_at_pixels(added)
         if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
             return 1.0
         power = float((gained**2).sum())

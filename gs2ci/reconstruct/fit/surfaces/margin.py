@@ -83,7 +83,9 @@ def margin(
     outside = frame.outside(clear, clear + width, settings.stride)
     parts: list[tuple[F64, F64, F32]] = []
     taken: list[int] = []
-    for k in _outer_first(len(source.numbers)):
+    last = len(source.numbers) - 1
+    # From the ends of the path to its middle: the ends see farthest to their sides.
+    for k in sorted(range(last + 1), key=lambda k: min(k, last - k)):
         number = source.numbers[k]
         ahead = inverse_depth[k][outside.nearest].astype(np.float64)
         known = ahead > 0
@@ -208,8 +210,3 @@ def _width(
     step = float(np.quantile(np.concatenate(shifts), _SHIFT_QUANTILE))
     # One more: Gaussians at the outer end fade within the margin.
     return min(most, round(step) + 1)
-
-
-def _outer_first(count: int) -> list[int]:
-    """Order views from the ends of the path to its middle: the ends see farthest to their sides."""
-    return sorted(range(count), key=lambda k: min(k, count - 1 - k))

@@ -146,15 +146,11 @@ def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criter
         doubts.append(finding(Code.TRACKS_BADLY_EXPLAINED, rms_px=motion.rms_px, needed_px=criteria.rms_px))
     if motion.behind_share > criteria.behind:
         doubts.append(finding(Code.POINTS_BEHIND_CAMERA, share=motion.behind_share))
-    if (turn_deg := _largest_turn_deg(motion, tracks)) > criteria.turn_deg:
+    # Between the reference view and a view that sees tracks.
+    turns = Rotation.from_matrix(motion.rotations[tracks.seen.any(axis=0)]).magnitude()
+    if (turn_deg := float(np.degrees(np.max(turns, initial=0.0)))) > criteria.turn_deg:
         doubts.append(finding(Code.TURN_TOO_LARGE, turn_deg=turn_deg, most_deg=criteria.turn_deg))
     return tuple(doubts)
-
-
-def _largest_turn_deg(motion: CameraMotion, tracks: Tracks) -> float:
-    """Get the largest angle between the reference view and a view that sees tracks."""
-    turns = Rotation.from_matrix(motion.rotations[tracks.seen.any(axis=0)])
-    return float(np.degrees(np.max(turns.magnitude(), initial=0.0)))
 
 
 def halves_agree(expected: float | None, criteria: Criteria) -> bool:

@@ -250,7 +250,8 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
     found = replace(found, notes=(*kept, *notes))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
         return found
-    errors = _preference(here, there)
+    # Each block has a vote.
+    errors = in_standard_errors(there.off - here.off)
     reverse = replace(_seen_along(request, found, blocks, there), order_errors=-errors)
     return replace(
         found, order_errors=errors, other_order=OtherOrder.of(reverse) if errors < criteria.order_errors else None
@@ -354,8 +355,3 @@ def _reversed(motion: BlockMotion) -> F64:
     moves[:, 3] += -c * motion.moves[:, 1]
     moves[:, 4] += c * motion.moves[:, 0]
     return moves
-
-
-def _preference(motion: BlockMotion, other: BlockMotion) -> float:
-    """Return by how many standard errors the blocks, each with a vote, prefer one motion to another."""
-    return in_standard_errors(other.off - motion.off)

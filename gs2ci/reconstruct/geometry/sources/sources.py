@@ -92,7 +92,7 @@ def from_wide(request: Request, progress: Progress) -> Geometry:
         GeometryError: The views do not all join one scene, or their depths along its path do not agree; or pycolmap
             cannot be had.
     """
-    found = matched_motion(request, from_tracks(request, progress))
+    found = wide_motion(request, from_tracks(request, progress))
     if not found.has_path:
         raise GeometryError(
             "features matched between all pairs of views do not join them into one scene, or their depths disagree",
@@ -120,15 +120,6 @@ def from_file(path: Path, request: Request, progress: Progress) -> Geometry:
         found = _without_tracks(request, poses, found)
     held = _held(found, PathSource.FILE)
     return replace(held, notes=(*notes, *held.notes))
-
-
-def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
-    """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none.
-
-    Raises:
-        GeometryError: pycolmap, which grows the scene, cannot be had on this machine.
-    """
-    return replace(wide_motion(request, tracks, tilted=tilted), source=PathSource.MATCHES)
 
 
 def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:

@@ -12,7 +12,7 @@ geometry of their scene. Not here: the scene itself (`mapper`), when it is used 
 import itertools
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.depth.view_depths import depths_agree, turns_far, view_depths
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.kinds import Verdict
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.path.validity import doubts_about_path
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources.direct import at_rest
@@ -50,8 +50,12 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
     Returns:
         A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene, if too few
         points confirm it, or if it turns far and the depths of the views along it do not agree.
+
+    Raises:
+        GeometryError: pycolmap, which grows the scene, cannot be had on this machine.
     """
-    scene, still = _grown(request.views, found.intrinsics, tilted=tilted), at_rest(found)
+    scene = _grown(request.views, found.intrinsics, tilted=tilted)
+    still = replace(at_rest(found), source=PathSource.MATCHES)
     if scene is None:
         return still
     relative, ahead, unit = ahead_of(scene.world_to_camera, scene.points, found.reference)
@@ -69,6 +73,8 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         span, depths = inverse_depth_range(ahead, settings.sweep), ()
         depth = sweep(request.views, relative, still.intrinsics, still.reference, span, settings.sweep)
     doubts = doubts_about_path(scene.path_error_expected, settings.criteria)
+    # Those on missing tracks no longer matter.
+    of_camera = (note for note in found.notes if note.code.name.startswith("FOCAL"))
     return replace(
         still,
         world_to_camera=relative,
@@ -80,7 +86,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         # A path that turns far has no exact reversal, and the scene with the reverse order explains fewer matches.
         order_errors=settings.criteria.order_errors if far else None,
         view_depths=depths,
-        notes=(*_of_camera(found), finding(Code.WIDE_MOTION, points=len(scene.points)), *doubts),
+        notes=(*of_camera, finding(Code.WIDE_MOTION, points=len(scene.points)), *doubts),
     )
 
 
@@ -101,11 +107,6 @@ def ahead_of(world_to_camera: F64, points: F64, reference: int) -> tuple[F64, F6
     unit = float(np.median(ahead)) if len(ahead) else 1.0
     poses[:, :3, 3] *= unit
     return poses, ahead / unit, unit
-
-
-def _of_camera(found: Geometry) -> tuple[Any, ...]:
-    """Keep the notes on the camera matrix; those on missing tracks no longer matter."""
-    return tuple(note for note in found.notes if note.code.name.startswith("FOCAL"))
 
 
 def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> MappedScene | None:

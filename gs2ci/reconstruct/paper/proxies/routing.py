@@ -24,7 +24,6 @@ from gs2ci.reconstruct.threads import in_threads
 
 # ENI, energy-normalised initialisation: every view from its own samples of the normalised measurement.
 
-_Mask = Bool
 
 # A pixel counts as open under a grey mask, and as a sample of its view, from half of the mask's open level on. The open
 # level is a high percentile and not the maximum, so that one bright calibration pixel cannot change it.
@@ -92,7 +91,7 @@ def masked_measurements(shot: Shot) -> F32:
     return views
 
 
-def complete(values: F64, known: _Mask) -> F64:
+def complete(values: F64, known: Bool) -> F64:
     """Fill the unknown pixels of an image: linearly inside the convex hull of the known ones, nearest outside.
 
     Args:
@@ -119,7 +118,7 @@ def complete(values: F64, known: _Mask) -> F64:
     return filled
 
 
-def _samples(transmission: F64, counts: _Mask) -> _Mask:
+def _samples(transmission: F64, counts: Bool) -> Bool:
     """Find the pixels that a mask opens; all that count if it opens none."""
     light = transmission[transmission > 0]
     if not light.size:
@@ -159,12 +158,6 @@ def multiplicity(shot: Shot) -> float:
     return float(np.tensordot(shot.weights.astype(np.float64), shot.masks.astype(np.float64).mean(axis=(1, 2)), 1))
 
 
-def multiplicity_error(shot: Shot) -> float:
-    """Return the standard error of `multiplicity`, if each pixel's sum of transmissions were drawn independently."""
-    sums = white_reading(shot)
-    return float(sums.std() / np.sqrt(sums.size))
-
-
 def route(shot: Shot) -> ProxyMethod:
     """Choose by the masks alone: ENI below a multiplicity of 4, AMDI from it on, within sampling error.
 
@@ -172,7 +165,10 @@ def route(shot: Shot) -> ProxyMethod:
         shot: With its calibrated masks: pixels closed later (held out, dead, hot) would make the multiplicity smaller
             than that of the masks' design.
     """
-    slack = max(_SAMPLING_ERRORS * multiplicity_error(shot), 1e-9)
+    sums = white_reading(shot)
+    # The multiplicity's standard error, if each pixel's sum of transmissions were drawn independently.
+    error = float(sums.std() / np.sqrt(sums.size))
+    slack = max(_SAMPLING_ERRORS * error, 1e-9)
     return "eni" if multiplicity(shot) < MULTIPLICITY_THRESHOLD - slack else "amdi"
 
 
