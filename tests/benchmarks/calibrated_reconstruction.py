@@ -30,7 +30,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
 from gs2ci_calibration.bench import Arrangement
-from gs2ci_calibration.bundle import Bundle, add_section
+from gs2ci_calibration.bundle import Bundle, add_section, read_bundle
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_drivers.acquisition import Devices
 from tests.bench_truth import truth_of
@@ -132,7 +132,7 @@ def take(
             operator_of(rig, print).please(Arrangement.SCENE, 0)
             shots = {"nominal": _capture(rig, devices, folder / "nominal.h5", None)}
             for mode, bundle in bundles.items():
-                shots[mode] = _capture(rig, devices, folder / f"{mode}.h5", load(rig, devices, bundle))
+                shots[mode] = _capture(rig, devices, folder / f"{mode}.h5", load(rig, devices, read_bundle(bundle)))
             shown = intended(rig, devices)[1].masks
     finally:
         devices.close()
