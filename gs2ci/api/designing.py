@@ -4,6 +4,7 @@ Here: the order of the work: candidates, what the bench can take, what their cod
 of these (`gs2ci.rig.design`, `gs2ci.evaluate.design`).
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -182,7 +183,8 @@ def _numbers(own: "CaptureTable", best: "Possible") -> dict[str, int | float]:
 def _commands(rig_file: Path, exposures: int) -> tuple[str, ...]:
     """Return what takes the exposures and reconstructs them."""
     together = " --together" if exposures > 1 else ""
-    return (f"gs2ci capture --rig {rig_file} -o shot.h5", f"gs2ci reconstruct shot.h5{together} -o run/")
+    rig = shlex.quote(str(rig_file))
+    return (f"gs2ci capture --rig {rig} -o shot.h5", f"gs2ci reconstruct shot.h5{together} -o run/")
 
 
 def _with_front(rows: "list[DesignRow]") -> "list[DesignRow]":

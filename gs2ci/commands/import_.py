@@ -8,7 +8,6 @@ import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import tyro
 
 from gs2ci.api.derived import with_options_of
@@ -20,7 +19,6 @@ from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
-    from gs2ci.core.records import Shot
 
 
 @with_options_of(import_file, without=("path",))
@@ -63,7 +61,7 @@ def run(
         "distortion": distortion,
     }
     check_imports(known)
-    from gs2ci.core.storage import count_shots
+    from gs2ci.core.storage import count_shots, write_shots
     from gs2ci.core.storage.sealing import check_target
 
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
@@ -78,26 +76,10 @@ def run(
         _check_apart(out, file, masks, truth, poses, stage)
         imported = import_file(file, masks, **known)
         kept = picked(imported.shots, index, file)
-        written = _written(out, kept, overwrite)
-        _print(file, written, imported, index)
-        answer({"file": written[0], "shots": len(kept), "guesses": list(imported.guesses)})
-        return written[0]
-
-
-def _written(out: Path, shots: "list[Shot]", overwrite: bool) -> list[Path]:
-    """Write shots that share their masks into one file, and others into one file each, NAME-0.h5 and on."""
-    from gs2ci.core.storage import write_shots
-    from gs2ci.core.storage.sealing import check_target
-
-    if all(np.array_equal(shot.masks, shots[0].masks) for shot in shots[1:]):
-        write_shots(out, shots)
-        return [out]
-    targets = [out.with_name(f"{out.stem}-{k}{out.suffix}") for k in range(len(shots))]
-    for target in targets:
-        check_target(target, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    for target, shot in zip(targets, shots, strict=True):
-        write_shots(target, [shot])
-    return targets
+        write_shots(out, kept)
+        _print(file, out, imported, index)
+        answer({"file": out, "shots": len(kept), "guesses": list(imported.guesses)})
+        return out
 
 
 def _check_alone(partial: Path, *given: object) -> None:
@@ -135,12 +117,10 @@ def _camera(words: tuple[str, ...]) -> Path | list[float] | None:
     return values
 
 
-def _print(file: Path, written: list[Path], imported: "Imported", index: int | None) -> None:
+def _print(file: Path, written: Path, imported: "Imported", index: int | None) -> None:
     say("", file.name)
     for guess in imported.guesses:
         say(f"  • {guess}", style="yellow" if guess.startswith("WARNING") else "")
     count = len(imported.shots) if index is None else 1
-    told = str(written[0]) if len(written) == 1 else f"{written[0]} to {written[-1]}, one each for its own masks"
-    say(f"{count} shot{'s' if count > 1 else ''} in ", told)
-    if len(written) == 1:
-        say_what_reconstructs(written[0], count, one_scene=False)
+    say(f"{count} shot{'s' if count > 1 else ''} in ", written)
+    say_what_reconstructs(written, count, one_scene=False)

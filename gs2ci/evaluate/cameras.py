@@ -115,6 +115,7 @@ def write_colmap_model(
     colors: F32,
     distortion: F64 | None = None,
     depth: F32 | None = None,
+    views: F32 | None = None,
 ) -> None:
     """Write a sparse COLMAP model (binary) of one camera, N images and a cloud, with tracks where depth is known.
 
@@ -128,6 +129,7 @@ def write_colmap_model(
         distortion: As for `nerfstudio_transforms`; with it the camera is a FULL_OPENCV one, otherwise a PINHOLE.
         depth: Of each view, [N, H, W], 0 where it is not known. Views in whose depth a point lies observe it; programs
             for dense stereo choose their pairs of pictures by such tracks. None writes none.
+        views: [N, H, W, 1 or 3]: points that they observe have the mean of what they show there, as COLMAP's have.
 
     Raises:
         StorageError: The disk refuses.
@@ -135,6 +137,8 @@ def write_colmap_model(
     Written here and not by pycolmap, of which there is none for Linux on ARM; tests read it with pycolmap.
     """
     pixels, seen = _observed(Cameras(world_to_camera, intrinsics, distortion), points.astype(np.float64), size, depth)
+    if views is not None:
+        colors = _as_seen(views, pixels, seen, colors)
     lens = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
     model = _PINHOLE
     if distortion is not None:
@@ -164,6 +168,19 @@ def _images(world_to_camera: F64, pixels: F64, seen: Bool) -> Iterator[bytes]:
         observed["pixel"], observed["point"] = pixels[number, numbers], numbers + 1
         yield np.array((number + 1, turn, pose[:3, 3], _CAMERA_ID), _IMAGE).tobytes() + name.encode() + b"\0"
         yield _count(len(numbers)) + observed.tobytes()
+
+
+def _as_seen(views: F32, pixels: F64, seen: Bool, colors: F32) -> F32:
+    """Return the colours of points, [P, 3]: the mean of the views' where they observe them, as given elsewhere.
+
+    A Gaussian's own colour is none of a surface: others in front of it and behind it make what a view shows.
+    """
+    view, point = np.nonzero(seen)
+    column, row = pixels[view, point].astype(int).T
+    total = np.zeros(colors.shape)
+    np.add.at(total, point, np.clip(views[view, row, column], 0, 1))
+    count = seen.sum(axis=0)[:, None]
+    return np.where(count > 0, total / np.maximum(count, 1), colors).astype(np.float32)
 
 
 def _points(points: F32, colors: F32, seen: Bool) -> bytes:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -103,6 +104,11 @@ def test_without_checks_the_best_as_foreseen_is_taken(bench, judged):
     made = found(bench, checks=0)
     assert judged == []
     assert made.found.chosen.foreseen_db == max(row.foreseen_db for row in made.found.rows)
+
+
+def test_the_command_for_a_rig_file_with_a_blank_in_its_name_can_be_pasted(bench, judged):
+    made = found(bench, output=bench.parent / "my rig.toml", checks=0)
+    assert shlex.split(made.found.commands[0])[3] == str(made.rig_file)
 
 
 def test_several_exposures_are_one_file_in_which_each_begins_with_another_mask(bench, judged, gs2ci):

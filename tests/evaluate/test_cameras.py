@@ -130,6 +130,26 @@ def test_points_are_observed_by_the_views_in_whose_depth_they_lie(tmp_path, lens
     assert model.compute_mean_reprojection_error() < 1e-3
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_points_that_views_observe_have_the_colours_of_the_views(tmp_path, channels):
+    """By pycolmap 4.2.1 a run's points were 23 of 255 off the pictures: they had the Gaussians' own colours."""
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = -0.1
+    points = np.array([[0, 0, 3], [0.5, 0.2, 3], [0, 0, 9]], np.float32)
+    views = np.random.default_rng(0).random((2, 40, 60, channels)).astype(np.float32)
+    told = {"points": points, "colors": np.full((3, 3), 0.25, np.float32), "views": views}
+    write_colmap_model(tmp_path, poses, INTRINSICS, (40, 60), depth=np.full((2, 40, 60), 3, np.float32), **told)
+    model = pycolmap.Reconstruction(tmp_path)
+    for index in (1, 2):
+        shown = []
+        for element in model.points3D[index].track.elements:
+            column, row = model.images[element.image_id].points2D[element.point2D_idx].xy.astype(int)
+            shown.append(views[element.image_id - 1, row, column])
+        assert len(shown) == 2
+        np.testing.assert_allclose(model.points3D[index].color, 255 * np.broadcast_to(np.mean(shown, 0), 3), atol=0.51)
+    assert model.points3D[3].color.tolist() == [64, 64, 64]
+
+
 @pytest.mark.parametrize("count", range(1, 40, 3))
 def test_every_split_has_views_to_train_with_and_views_to_judge_by(count):
     names = [f"views/view_{index:03d}.png" for index in range(count)]

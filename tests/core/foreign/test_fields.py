@@ -172,16 +172,23 @@ def test_masks_that_are_stored_for_each_exposure_but_alike_are_shared(own, take)
     assert all(np.array_equal(shot.masks, masks[0]) for shot in shots)
 
 
-def test_exposures_with_masks_of_their_own_become_one_file_each(own, tmp_path, capsys):
+def test_exposures_with_masks_of_their_own_become_one_file(own, tmp_path, capsys):
     meas, masks, _ = own
     np.savez(tmp_path / "multi.npz", meas=meas, masks=masks)
-    assert run(tmp_path / "multi.npz", out=tmp_path / "shot.h5", scale=255.0) == tmp_path / "shot-0.h5"
-    assert "one each for its own masks" in capsys.readouterr().out
+    assert run(tmp_path / "multi.npz", out=tmp_path / "shot.h5", scale=255.0) == tmp_path / "shot.h5"
+    assert "3 shots in" in capsys.readouterr().out
     for k in range(3):
-        assert np.array_equal(read_shot(tmp_path / f"shot-{k}.h5").masks, masks[k])
-    with pytest.raises(StorageError, match="shot-0"):
+        assert np.array_equal(read_shot(tmp_path / "shot.h5", k).masks, masks[k])
+
+
+def test_exposures_with_weights_of_their_own_are_said_to_need_a_file_each(own, tmp_path):
+    meas, masks, _ = own
+    weights = 1 + 0.1 * np.arange(3 * masks.shape[1]).reshape(3, -1)
+    np.savez(tmp_path / "multi.npz", meas=meas, masks=masks, weights=weights)
+    with pytest.raises(StorageError, match=r"differs from shot 0 in weights.*one file for each, by its --index"):
         run(tmp_path / "multi.npz", out=tmp_path / "shot.h5", scale=255.0)
-    run(tmp_path / "multi.npz", out=tmp_path / "shot.h5", scale=255.0, overwrite=True)
+    run(tmp_path / "multi.npz", out=tmp_path / "shot.h5", scale=255.0, index=2)
+    assert np.allclose(read_shot(tmp_path / "shot.h5").weights, weights[2] / weights[2].max())
 
 
 def test_other_hdf5_files_name_what_is_left(bench, tmp_path):
