@@ -8,7 +8,7 @@ Here: the order of the steps. Not here: what a plan is (`gs2ci_drivers.plan`, `p
 triggers (`frame_timing`), the stage's positions (`stage_watch`), files (the `sink` that is passed in), light.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
@@ -88,7 +88,7 @@ class Taken:
         index: Which shot of the capture, from 0.
         frames: Its frames: 1, or one per mask in `Mode.PER_MASK`.
         trigger_index: Index of its first trigger in the capture.
-        first_mask: The mask that was shown first, from 0; the others follow in their order.
+        mask_order: Indices of the plan's masks in the order in which they were shown, N.
         stage_mm: Stage position in the middle of the time that each mask was exposed, [N, K] in the order of the
             stage's axes, or None.
         stage_target_mm: Where it should have been, [N, K], or None.
@@ -100,7 +100,7 @@ class Taken:
     index: int
     frames: tuple[Frame, ...]
     trigger_index: int
-    first_mask: int = 0
+    mask_order: Sequence[int] = ()
     stage_mm: F64 | None = None
     stage_target_mm: F64 | None = None
     stage_error_mm: float | None = None
@@ -407,7 +407,7 @@ class _Capture:
                 index=self._taken,
                 frames=frames,
                 trigger_index=first_trigger,
-                first_mask=self._sequence.first,
+                mask_order=self._sequence.order,
                 stage_mm=stage_mm,
                 stage_target_mm=target_mm,
                 stage_error_mm=None if self._watch is None else self._watch.error_mm,

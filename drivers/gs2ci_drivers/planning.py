@@ -30,6 +30,7 @@ ROWS_TOLERANCE = 0.02
 LEAST_PARALLAX_PX = 0.4
 """What a turn of the camera explains of a path, so that near and far cannot be told (docs/stability.md)."""
 _LISTED_STARTS = 8
+"""So many starts of the modulator are listed with their first masks, as many as captures mostly have masks."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 

@@ -156,7 +156,10 @@ def _write_scene(folder: Path, result: RunResult, report: Report, scene: Gaussia
     # What moves is at no one place for several views to see.
     depth = None if scene.motion is not None or report.lacks_path else result.depth
     write_colmap_model(
-        *(model, poses, result.intrinsics, size),
+        model,
+        poses,
+        result.intrinsics,
+        size,
         points=points,
         colors=colors,
         distortion=lens,

@@ -338,7 +338,7 @@ class _Recorder:
         """Write one shot, and only then the log's line that it was taken."""
         for incident in taken.incidents:
             self._writer.event("incident", shot=taken.index, message=incident)
-        plan = self._prepared.plan
+        turned = self._prepared.plan.turns
         for i, frame in enumerate(taken.frames):
             self._writer.append(
                 frame.pixels,
@@ -346,7 +346,7 @@ class _Recorder:
                 telemetry_world_to_camera=self._telemetry(taken),
                 truth=self._truth(frame),
                 saturated=self._unusable,
-                mask_order=replace(plan.sequence, first=taken.first_mask).order if plan.turns else None,
+                mask_order=taken.mask_order if turned else None,
                 provenance=self._provenance(taken, i, frame),
             )
         self._log.note("shot", index=taken.index, attempts=taken.attempts, incidents=list(taken.incidents))

@@ -31,7 +31,8 @@ class Carriage:
             directions.
         provenance: The source of these figures, for the shot's provenance.
         zero_mm: Where places of the stage are counted from, counted mm, for each axis that has such a place: in a
-            simulated world, whose scene stands where the camera rests, that of the swept axis.
+            simulated world, whose scene stands where the camera rests, that of the swept axis, or none. None: from 0
+            of each axis.
     """
 
     travel: Travel

@@ -342,7 +342,8 @@ def write_shots(path: Path, shots: Sequence[Shot], *, config: str = "") -> Path:
         shot.check()
     _check_alike(path, shots)
     masks, orders = _distinct_masks(shots)
-    writer = ShotWriter(path, _header_of(shots, masks, config), replace=True)
+    header = _header_of(shots, masks, config, mask_order=orders[0] is not None)
+    writer = ShotWriter(path, header, replace=True)
     try:
         for shot, order in zip(shots, orders, strict=True):
             writer.append(
@@ -381,7 +382,7 @@ def _distinct_masks(shots: Sequence[Shot]) -> tuple[F32, list[list[int] | None]]
     return np.stack(masks), orders
 
 
-def _header_of(shots: Sequence[Shot], masks: F32, config: str) -> CaptureHeader:
+def _header_of(shots: Sequence[Shot], masks: F32, config: str, *, mask_order: bool) -> CaptureHeader:
     first = shots[0]
     views = [shot.truth.views for shot in shots if shot.truth.views is not None]
     in_bytes = all(layout.fits_bytes(v) for v in views)
@@ -391,7 +392,7 @@ def _header_of(shots: Sequence[Shot], masks: F32, config: str) -> CaptureHeader:
         masks=masks,
         weights=first.weights,
         reading="f4",
-        mask_order=masks is not first.masks,
+        mask_order=mask_order,
         cfa=first.cfa,
         intrinsics=first.intrinsics,
         distortion=first.distortion,
