@@ -16,7 +16,7 @@ import numpy as np
 from gs2ci.core.arrays import U8, U16
 from gs2ci_sims.wires import v4l2, v4l2_camera
 from gs2ci_sims.wires.shutter import Exposed, Shutting
-from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, row_bytes
+from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, THREE_HALVES, row_bytes
 from gs2ci_sims.wires.v4l2_controls import (
     CID_ANALOGUE_GAIN,
     CID_AUTOGAIN,
@@ -71,8 +71,9 @@ class CameraModel(v4l2_camera.CameraModel):
         tree_known: Whether the device tree of the sensor is below /sys/bus/i2c, as on a Raspberry Pi.
         ignored_triggers: Edges lost after each start.
         monotonic: Whether stamps count on CLOCK_MONOTONIC.
-        realtime: Whether they count on CLOCK_REALTIME and are flagged as CLOCK_MONOTONIC nevertheless: uvcvideo with
-            clock=realtime (uvc_video_get_time in uvc_video.c; uvc_queue_init sets the flag in any case).
+        ahead_s: By how much they lead CLOCK_MONOTONIC, although they are flagged as its: `REALTIME_S` by uvcvideo with
+            clock=realtime (uvc_video_get_time in uvc_video.c; uvc_queue_init sets the flag in any case), 29 s on a
+            Jetson Xavier (vi5_fops.c, vi5_capture_dequeue; forums.developer.nvidia.com/t/265011).
         restarts_numbers: Whether frame numbers restart with each start.
         first_number: The first of them: unicam's is 1 (kbingham/libcamera issue 50).
         has_events: Whether source changes can be subscribed to.
@@ -95,7 +96,7 @@ class CameraModel(v4l2_camera.CameraModel):
     tree_known: bool = True
     ignored_triggers: int = 0
     monotonic: bool = True
-    realtime: bool = False
+    ahead_s: float = 0.0
     restarts_numbers: bool = True
     first_number: int = 0
     has_events: bool = True
@@ -304,7 +305,7 @@ class OddDevice(CaptureDevice):
         return super()._flags() & (~0 if self._model.monotonic else ~FLAG_MONOTONIC)
 
     def _stamp_ns(self, exposed: Exposed) -> int:
-        return super()._stamp_ns(exposed) + (round(REALTIME_S * 1e9) if self._model.realtime else 0)
+        return super()._stamp_ns(exposed) + round(self._model.ahead_s * 1e9)
 
     def _packed(self, pixels: U16) -> U8:
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)

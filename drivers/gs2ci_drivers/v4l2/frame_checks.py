@@ -14,7 +14,7 @@ from gs2ci_drivers.sensor import Frame, FrameFlag, StampMeaning
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.formats import FrameGeometry, unpack
 from gs2ci_drivers.v4l2.node import Dequeued
-from gs2ci_drivers.v4l2.stamps import meaning_of
+from gs2ci_drivers.v4l2.stamps import CLOCKS_OF_THEIR_OWN, meaning_of
 
 _WRAP: Final = 1 << 32
 _STAMP_GRAIN_NS: Final = 1000
@@ -47,11 +47,6 @@ class TakenBuffer:
     buffer: Dequeued
     data: bytes
     t_host_ns: int
-
-    @property
-    def monotonic(self) -> bool:
-        """Get whether its time stamp counts on CLOCK_MONOTONIC."""
-        return self.buffer.flags & abi.BufferFlag.TIMESTAMP_MASK == abi.BufferFlag.TIMESTAMP_MONOTONIC
 
 
 class KernelFrameChecks(FrameChecks[TakenBuffer]):
@@ -94,24 +89,30 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
             self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)")
         if len(taken.data) < self._geometry.payload_bytes:
             self._spoil(f"{len(taken.data)} bytes instead of {self._geometry.payload_bytes}")
-        self._check_clock(taken)
+        monotonic = self._is_monotonic(taken)
         # The stamps of another clock cannot be compared with the trigger's time.
         age_ns = max(not_before_ns, self._started_ns) - taken.buffer.time_ns
-        if taken.monotonic and age_ns > _STAMP_GRAIN_NS:
+        if monotonic and age_ns > _STAMP_GRAIN_NS:
             raise FrameStaleError(self.device, self.frame_index - 1, age_ns * 1e-9)
         try:
             pixels = unpack(taken.data, self._geometry)
         except InputError as error:
             self._spoil(str(error))
-        flags = FrameFlag.STAMPED_MONOTONIC if taken.monotonic else FrameFlag.NONE
+        flags = FrameFlag.STAMPED_MONOTONIC if monotonic else FrameFlag.NONE
         flagged = abi.BufferFlag.TSTAMP_SRC_SOE in taken.buffer.flags
         flags |= meaning_of(self._driver, self._stamps, flagged=flagged).flag
         return self._deliver(pixels, taken.buffer.time_ns, taken.t_host_ns, flags)
 
-    def _check_clock(self, taken: TakenBuffer) -> None:
-        """Refuse stamps flagged as CLOCK_MONOTONIC that lie after the arrival, or hours before: another clock's."""
+    def _is_monotonic(self, taken: TakenBuffer) -> bool:
+        """Return whether a stamp counts on CLOCK_MONOTONIC.
+
+        Raises:
+            DeviceFaultError: It is flagged so and lies after the arrival, or hours before: another clock's.
+        """
         ahead_ns = taken.buffer.time_ns - taken.t_host_ns
-        if taken.monotonic and not -_PAST_NS < ahead_ns < _FUTURE_NS:
+        flagged = taken.buffer.flags & abi.BufferFlag.TIMESTAMP_MASK == abi.BufferFlag.TIMESTAMP_MONOTONIC
+        monotonic = flagged and self._driver not in CLOCKS_OF_THEIR_OWN
+        if monotonic and not -_PAST_NS < ahead_ns < _FUTURE_NS:
             when = f"{abs(ahead_ns) * 1e-9:.3g} s {'after' if ahead_ns > 0 else 'before'} the frame's arrival"
             raise DeviceFaultError(
                 self.device,
@@ -120,6 +121,7 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
                 remedy="it counts on another clock: for uvcvideo, write CLOCK_MONOTONIC to "
                 "/sys/module/uvcvideo/parameters/clock (`options uvcvideo clock=monotonic` in /etc/modprobe.d)",
             )
+        return monotonic
 
     def _if_always(self, number: int) -> str:
         return (

@@ -14,6 +14,7 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.sensor import FrameFlag, StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_sims.wires.shutter import Shutting
+from gs2ci_sims.wires.v4l2_camera import REALTIME_S
 
 
 def options(**changes):
@@ -281,10 +282,22 @@ def test_a_frame_that_is_lost_later_is_not_explained_by_the_first_number(bench):
 
 def test_stamps_of_clock_realtime_are_named_although_they_are_flagged_as_monotonic(bench):
     table = options(trigger_adapter="none", readout_s=1e-3)
-    b = bench(table, driver="uvcvideo", realtime=True, exposure="absolute", trigger="none", stamps="start-of-frame")
+    odd = {"exposure": "absolute", "trigger": "none", "stamps": "start-of-frame"}
+    b = bench(table, driver="uvcvideo", ahead_s=REALTIME_S, **odd)
     b.begin(trigger=TriggerMode.FREE_RUN)
     with pytest.raises(DeviceFaultError, match=r"1\.79e\+09 s after the frame's arrival.*uvcvideo/parameters/clock"):
         b.sensor.read(0.5)
+
+
+@pytest.mark.parametrize("ahead_s", [29.0, -0.4])
+def test_a_jetsons_stamps_are_of_its_camera_processors_clock_whatever_their_flag(bench, ahead_s):
+    """29 s ahead on a Xavier; a clock that nobody sets drifts behind the computer's on a Nano."""
+    b = bench(options(readout_s=1e-3), driver="tegra-video", exposure="tegra", ahead_s=ahead_s, stamps="start-of-frame")
+    b.begin()
+    b.fire(2)
+    frames = [b.sensor.read(0.5) for _ in range(2)]
+    assert [frame.flags for frame in frames] == [FrameFlag.STAMPED_AT_FRAME_START] * 2
+    assert frames[1].t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s + ahead_s)
 
 
 def test_a_single_stamp_of_another_clock_is_named_and_the_next_frame_is_right(bench):
