@@ -1,5 +1,7 @@
 """What cameras and their kernel drivers do where one would guess otherwise, by the twin, which has the sources."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,20 @@ def test_vc_mipi_whose_device_tree_cannot_be_read_is_not_trusted_with_either_uni
         assert "lines of 10 us or microseconds" in b.sensor.connect().exposure_unsettled
         stated = bench(options(exposure_unit_s=1e-6), exposure=exposure, tree_known=False)
         assert stated.sensor.connect().exposure_unsettled == ""
+
+
+@pytest.mark.parametrize("asked", [{}, {"horizontal_blanking": 512}])
+def test_limits_are_those_of_the_lines_that_a_capture_will_have_whatever_was_left(bench, asked):
+    fresh, left = (bench(options(controls=asked), blanks=True) for _ in range(2))
+    bank = left.twin._device._controls
+    bank.leave("Horizontal Blanking", 9000)
+    bank.leave("Vertical Blanking", 700)
+    bank._limit_exposure()
+    limits = [(info.min_exposure_s, info.max_exposure_s) for info in (fresh.sensor.connect(), left.sensor.connect())]
+    assert limits[0] == pytest.approx(limits[1])
+    left.begin(exposure_s=8e-3, controls=asked)
+    assert left.sensor.settings.exposure_s == pytest.approx(8e-3, rel=2e-2)
+    assert exposed_s(left) == pytest.approx(left.sensor.settings.exposure_s)
 
 
 # ---- NVIDIA's own controls (Jetson)
@@ -94,6 +110,7 @@ class Flash:
     [
         ({"shutter": "rolling"}, {}),
         ({}, {"sensor": "imx477"}),
+        ({}, {"sensor": "imx708"}),
         ({"trigger_adapter": "module", "trigger_module": "imx477"}, {"trigger": "module", "module": "imx477"}),
     ],
 )
@@ -143,6 +160,15 @@ def test_a_modules_parameter_gets_the_number_that_this_module_takes(bench, modul
     assert not b.world.exposures, "it runs by its own clock"
     b.sensor.close()
     assert b.twin.read_file(f"/sys/module/{module}/parameters/trigger_mode") == b"0\n"
+
+
+def test_the_third_number_of_a_control_is_a_gate_for_vision_components_alone(bench):
+    """VEYE's 2 is "high-speed continuous trigger mode": an edge, for exposures of the length that is set."""
+    assert bench().sensor.connect().triggers == set(TriggerMode)
+    b = bench()
+    bank = b.twin._device._controls
+    bank._controls = {cid: one for cid, one in bank._controls.items() if one.name != "IO Mode"}
+    assert b.sensor.connect().triggers == {TriggerMode.FREE_RUN, TriggerMode.EDGE}
 
 
 def test_a_module_of_unknown_numbers_is_refused_until_they_are_stated(bench):
@@ -213,6 +239,14 @@ def test_what_a_raspberry_pi_5_widens_to_sixteen_bits_is_read_as_the_sensor_send
     height, width = (pixels := b.sensor.read(0.5).pixels).shape
     np.testing.assert_array_equal(pixels, np.arange(height * width).reshape(height, width) % 2**bits)
     assert b.sensor.settings.format.bits == bits
+
+
+@pytest.mark.parametrize("code", ["Y10", "RG12", "Y16", "GREY"])
+def test_what_rockchips_receiver_packs_is_read_although_its_code_says_words(bench, code):
+    b = bench(driver="rkcif", compact=True, width=396)
+    b.config = replace(b.config, fourcc=code)
+    b.begin(fourcc=code)
+    b.capture_works()
 
 
 def test_a_sensor_of_another_mosaic_is_refused_whatever_is_widened(bench):
