@@ -33,7 +33,7 @@ from gs2ci_sims.wires.v4l2_controls import (
 )
 from gs2ci_sims.wires.v4l2_controls import TwinControl as PlainControl
 from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
-from gs2ci_sims.wires.v4l2_queue import FLAG_MONOTONIC, BufferRing, Filled, _Slot
+from gs2ci_sims.wires.v4l2_queue import FLAG_ERROR, FLAG_MONOTONIC, BufferRing, Filled, _Slot
 from tests.twins.shutter import OddShutter
 from tests.twins.v4l2_processing import ARRAY, HAS_PAYLOAD, INACTIVE, TwinControl, process, processing_controls
 
@@ -83,6 +83,8 @@ class CameraModel(v4l2_camera.CameraModel):
         processing: Whether it has further controls that change readings (`v4l2_processing`).
         sensor: Kernel driver of the sensor, which the kernel lists below /sys/bus/i2c; "": it lists none.
         auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
+        gives_up_s: After how long without a frame it gives a buffer back, marked as bad; 0: never. NVIDIA's waits for
+            2.5 s (vi5_fops.c: vi5_capture_dequeue, CAPTURE_TIMEOUT_MS).
         blanks: Whether its lines can be stretched (imx219.c, imx477.c: V4L2_CID_HBLANK), as libcamera does for long
             exposures: an exposure of as many lines lasts longer then.
         bus_code: The only bus format of its sensor, which its receiver widens to 16 bits; 0: one for each format.
@@ -109,6 +111,7 @@ class CameraModel(v4l2_camera.CameraModel):
     processing: bool = False
     sensor: str = ""
     auto_gain: int = 0
+    gives_up_s: float = 0.0
     blanks: bool = False
     bus_code: int = 0
 
@@ -305,6 +308,17 @@ class OddDevice(CaptureDevice):
         (count,) = struct.unpack_from("<I", argument)
         struct.pack_into("<I", argument, 0, min(count, self._model.max_buffers))
         super()._reqbufs(file, argument, payload)
+
+    def _stream_on(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        super()._stream_on(file, argument, payload)
+        if self._model.gives_up_s:
+            run, number = self._runs, self._number
+            self._world.clock.after(self._model.gives_up_s, lambda: self._give_up(run, number))
+
+    def _give_up(self, run: int, number: int) -> None:
+        if (run, number) == (self._runs, self._number):
+            self._number += 1
+            self.ring.fill(np.zeros(0, np.uint8), Filled(0, self._flags() | FLAG_ERROR, 0, number))
 
     def _first_number(self) -> int:
         return self._model.first_number if self._model.restarts_numbers else self._number

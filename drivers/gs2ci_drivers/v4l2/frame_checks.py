@@ -23,6 +23,10 @@ _FUTURE_NS: Final = 1_000_000_000
 """A stamp that lies further behind the frame's arrival is of another clock."""
 _PAST_NS: Final = 3600 * 1_000_000_000
 """And so is one that lies further before it: the kernel keeps no frame for so long."""
+WHY_MARKED: Final = {
+    "tegra-video": "; it does so where 2.5 s pass without a frame: let the first trigger come sooner after the start"
+}
+"""What a kernel driver may mean by that mark (NVIDIA's vi5_fops.c: vi5_capture_dequeue, CAPTURE_TIMEOUT_MS)."""
 FIRSTS: Final = {"unicam": (0, 1)}
 """The numbers that a kernel driver's first frame may have, other than 0: unicam's are 0 or 1, by version
 (kbingham/libcamera issue 50; raspberrypi/linux pull 5507). A frame lost before it is then missing at the end."""
@@ -86,7 +90,7 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
             raise DeviceFaultError(self.device, "VIDIOC_DQBUF", ["LAST: the device ended the stream"])
         self._check_number(taken)
         if abi.BufferFlag.ERROR in taken.buffer.flags:
-            self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)")
+            self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)" + WHY_MARKED.get(self._driver, ""))
         if len(taken.data) < self._geometry.payload_bytes:
             self._spoil(f"{len(taken.data)} bytes instead of {self._geometry.payload_bytes}")
         monotonic = self._is_monotonic(taken)

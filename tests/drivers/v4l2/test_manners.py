@@ -9,6 +9,7 @@ from gs2ci_drivers.failures import (
     AccessError,
     DeviceFaultError,
     DriverError,
+    FrameCorruptError,
     FrameLostError,
     RefusedError,
     UnsupportedError,
@@ -332,6 +333,18 @@ def test_a_jetsons_stamps_are_of_its_camera_processors_clock_whatever_their_flag
     frames = [b.sensor.read(0.5) for _ in range(2)]
     assert [frame.flags for frame in frames] == [FrameFlag.STAMPED_AT_FRAME_START] * 2
     assert frames[1].t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s + ahead_s)
+
+
+def test_a_jetson_that_waits_in_vain_for_a_frame_says_when_the_first_trigger_has_to_come(bench):
+    b = bench(options(readout_s=1e-3), driver="tegra-video", exposure="tegra", stamps="start-of-frame", gives_up_s=2.5)
+    b.begin()
+    with pytest.raises(
+        FrameCorruptError, match=r"where 2\.5 s pass without a frame: let the first trigger come sooner"
+    ):
+        b.sensor.read(4.0)
+    b.sensor.stop()
+    b.sensor.start()
+    assert exposed_s(b) == pytest.approx(2e-3)
 
 
 def test_a_single_stamp_of_another_clock_is_named_and_the_next_frame_is_right(bench):
