@@ -11,7 +11,7 @@ change readings is brought to a known value, unless the rig file requests anothe
 Here: the rule. Not here: reading and writing controls (`controls`), gain and exposure of a capture (`setup`).
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from typing import Final
 
 from gs2ci_drivers.failures import DeviceFaultError, UnsupportedError
@@ -78,7 +78,7 @@ NEUTRAL: Final = {
 """Standard controls whose neutral value is known, whatever the driver's default."""
 
 
-OF_DRIVERS: Final[Mapping[str, Mapping[int, int]]] = {"uvcvideo": {0x00980910: 100}}
+OF_DRIVERS: Final[dict[str, dict[int, int]]] = {"uvcvideo": {0x00980910: 100}}
 """Neutral values by the standard of a kernel driver's devices: USB cameras count gamma in hundredths, and begin with
 "100 (gamma = 1) or 220 (gamma = 2.2)" (Microsoft, KSPROPERTY_VIDEOPROCAMP_GAMMA; UVC 1.5, Gamma Control)."""
 STRING: Final = 7
