@@ -126,8 +126,8 @@ def write_colmap_model(
         size: Height and width.
         points: [P, 3], scene units.
         colors: [P, 3], clamped to [0, 1].
-        distortion: As for `nerfstudio_transforms`; with it the camera is an OPENCV one, or a FULL_OPENCV one if k3 is not
-            zero, otherwise a PINHOLE.
+        distortion: As for `nerfstudio_transforms`; with it the camera is an OPENCV one, with a k3 a FULL_OPENCV one,
+            otherwise a PINHOLE.
         depth: Of each view, [N, H, W], 0 where it is not known. Views in whose depth a point lies observe it; programs
             for dense stereo choose their pairs of pictures by such tracks. None writes none.
         views: [N, H, W, 1 or 3]: points that they observe have the mean of what they show there, as COLMAP's have.
