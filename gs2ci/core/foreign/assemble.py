@@ -279,7 +279,7 @@ class _Import:
             given = Array("--focal-px", np.asarray(options.focal_px))
         if self.camera_file is not None:
             given = Array(str(given), self.camera_file.intrinsics)
-        elif self.calibration is not None and isinstance(given, Path):
+        elif isinstance(given, Path):
             given = self._load("intrinsics", self.calibration) or load_single(given)
         given = given or self._load("intrinsics") or self._load("focal")
         if given is None:

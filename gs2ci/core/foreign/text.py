@@ -67,14 +67,14 @@ def _without_labels(path: Path, read: Table) -> tuple[F64, str]:
         InputError: A few columns with names: what they hold is not asked for here.
     """
     columns, left_out = read.columns, []
-    texts = np.isnan(columns).all(axis=0) & bool(read.names)
+    texts = np.array([bool(read.names) and bool(np.isnan(column).all()) for column in columns.T])
     if texts.any():
         columns, left_out = columns[:, ~texts], ["columns of text"]
     if len(read.names) > 1 and not read.names[0].strip() and not texts[0]:
         columns, left_out = columns[:, 1:], [*left_out, "names of columns, and a first column without one"]
     if columns.shape[1] > _MOST_IN_A_POSE:
         for axis, told in ((0, "a first row that counts the columns"), (1, "a first column that counts the rows")):
-            first = columns.take(0, axis=axis)
+            first: F64 = columns[:, 0] if axis else columns[0]
             if len(columns) > 1 and any((first == np.arange(k, len(first) + k)).all() for k in _FROM):
                 columns, left_out = np.delete(columns, 0, axis=axis), [*left_out, told]
     elif read.is_headed and not left_out:
