@@ -162,13 +162,20 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
             collect(name if key == "data" else key, part)
         items = flat(node) if not named else []
         if items and all(item.isReal() or item.isInt() for item in items):
-            numbers[name] = np.array([item.real() for item in items])
+            values = np.array([item.real() for item in items])
+            by_columns = len(values) == 9 and (values[2::3] == (0, 0, 1)).all()  # as Open3D and ARKit write
+            numbers[name] = values.reshape(3, 3).T.ravel() if by_columns else values
 
     def flat(node: Any) -> list[Any]:
         return [one for k in range(node.size()) for one in flat(node.at(k))] if node.isSeq() else [node]
 
     try:
-        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # its nodes die with it
+        told, flags = str(path), cv2.FILE_STORAGE_READ
+        if path.suffix.lower() != ".xml" and path.suffix.lower() in _CALIBRATIONS:
+            # PyYAML, with which Kalibr writes, does not indent lists, and breaks long ones; OpenCV stops at both.
+            told = re.sub(r"(?m)^( *)(?=- )", r"\1  ", re.sub(r",\s+", ", ", path.read_text(encoding="utf-8-sig")))
+            flags |= cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
+        file = cv2.FileStorage(told, flags)  # its nodes die with it
         collect("", file.root())
     except Exception as error:
         # What it raises of files of others, such as Metashape's, says nothing of them.
