@@ -81,6 +81,8 @@ class CameraModel(v4l2_camera.CameraModel):
         first_number: The first of them: unicam's is 1 (kbingham/libcamera issue 50).
         has_events: Whether source changes can be subscribed to.
         processing: Whether it has further controls that change readings (`v4l2_processing`).
+        gamma: Its gamma at power-up, in hundredths: "typically 100 (gamma = 1) or 220 (gamma = 2.2)" of USB cameras
+            (Microsoft, KSPROPERTY_VIDEOPROCAMP_GAMMA).
         sensor: Kernel driver of the sensor, which the kernel lists below /sys/bus/i2c; "": it lists none.
         auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
         gives_up_s: After how long without a frame it gives a buffer back, marked as bad; 0: never. NVIDIA's waits for
@@ -109,6 +111,7 @@ class CameraModel(v4l2_camera.CameraModel):
     first_number: int = 0
     has_events: bool = True
     processing: bool = False
+    gamma: int = 100
     sensor: str = ""
     auto_gain: int = 0
     gives_up_s: float = 0.0
@@ -243,7 +246,7 @@ class OddBank(ControlBank):
             yield TwinControl(CID_TEGRA_RATE, "Frame Rate", INTEGER64, *rates)
             yield TwinControl(CID_OVERRIDE, "Override Enable", INTEGER_MENU, 0, 1, 1, 0, 0, {0: "0", 1: "1"})
         if model.processing:
-            yield from processing_controls()
+            yield from processing_controls(model.gamma)
 
 
 class OddRing(BufferRing):

@@ -55,11 +55,6 @@ class ExposureUnit:
     unsettled: str = ""
 
 
-def by_vision_components(table: ControlTable) -> bool:
-    """Return whether a sensor's kernel driver is Vision Components'."""
-    return {control.name for control in table} >= VC_CONTROLS
-
-
 def counts_microseconds(port: SysPort, table: ControlTable) -> bool | None:
     """Return whether the driver counts exposure in microseconds; None if that depends on what cannot be read.
 
@@ -67,7 +62,7 @@ def counts_microseconds(port: SysPort, table: ControlTable) -> bool | None:
         port: The system calls.
         table: The sensor's controls.
     """
-    if not by_vision_components(table):
+    if not {control.name for control in table} >= VC_CONTROLS:
         return False
     trees = {path.rpartition("/")[0] for path in port.list_nodes(VC_TREES + "compatible")}
     flagged = {path.rpartition("/")[0] for path in port.list_nodes(VC_TREES + "libcamera")}

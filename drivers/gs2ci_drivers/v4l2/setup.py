@@ -213,7 +213,8 @@ class OpenCamera:
         notes: list[str] = []
         for table in (self.controls, self._others):
             if table is not None:
-                notes += leftovers.reset(table, self.name, kept, [one for one in table if which(one)])
+                chosen = [one for one in table if which(one)]
+                notes += leftovers.reset(table, self.name, kept, chosen, self.identity.driver)
         return notes
 
     def _record(self) -> dict[str, bool | int | float | str]:

@@ -19,7 +19,6 @@ from gs2ci_drivers.failures import AccessError, UnsupportedError
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.v4l2.controls import ControlTable
-from gs2ci_drivers.v4l2.exposure import by_vision_components
 from gs2ci_drivers.v4l2.node import raise_typed
 from gs2ci_drivers.v4l2.options import V4l2Options
 
@@ -237,10 +236,8 @@ VC_VALUES: Final[Mapping[TriggerMode, int]] = {
     TriggerMode.EDGE: 1,
     TriggerMode.LEVEL: 2,
 }
-"""The numbers of the VC-MIPI drivers' control (vc_mipi_core.c, vc_mod_set_trigger_mode). Of others only the first two
-are taken: VEYE's 2 begins frames at triggers, too ("high-speed continuous trigger mode")."""
-
-
+"""The numbers of the VC-MIPI drivers' control (vc_mipi_core.c, vc_mod_set_trigger_mode). Of others, which have no
+"single_trigger", only the first two are taken: VEYE's 2 is an edge, too ("high-speed continuous trigger mode")."""
 _COMMON: Final = (TriggerMode.FREE_RUN, TriggerMode.EDGE)
 
 
@@ -258,7 +255,7 @@ class ControlTrigger:
 
     def __init__(self, table: ControlTable, device: str, options: V4l2Options) -> None:
         self._table = table
-        known = VC_VALUES if by_vision_components(table) else {mode: VC_VALUES[mode] for mode in _COMMON}
+        known = VC_VALUES if table.find("single_trigger") else {mode: VC_VALUES[mode] for mode in _COMMON}
         self._values = dict(options.trigger_values) or known
         self._found: int | None = None
         control = table.require(options.trigger_control)

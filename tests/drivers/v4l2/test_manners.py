@@ -168,7 +168,7 @@ def test_the_third_number_of_a_control_is_a_gate_for_vision_components_alone(ben
     assert bench().sensor.connect().triggers == set(TriggerMode)
     b = bench()
     bank = b.twin._device._controls
-    bank._controls = {cid: one for cid, one in bank._controls.items() if one.name != "IO Mode"}
+    bank._controls = {cid: one for cid, one in bank._controls.items() if one.name != "Single Trigger"}
     assert b.sensor.connect().triggers == {TriggerMode.FREE_RUN, TriggerMode.EDGE}
 
 
