@@ -21,6 +21,8 @@ from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, Trigg
 from gs2ci_drivers.ports import BytePort
 
 _MEMORY_MODE: Final = "0"
+_TRIGGERS: Final = ("TI", "TC")
+"""Switches by which a pulse at the trigger input, or a command, shows the next slot (SLM_Ctrl_WriteTI and _WriteTC)."""
 _MODE_S: Final = 40.0
 """How long the change to it takes (manual of SLMFunc, SLM_Ctrl_WriteVI)."""
 _COMMAND_S: Final = 0.02
@@ -55,7 +57,9 @@ class DisplaySlm(Modulator):
         serial = self._link.ask("SN")
         self._shows_memory = self._link.ask("VI") == _MEMORY_MODE
         return ModulatorInfo(
-            model="Santec SLM-200 class",
+            # Its phase table decides what a level passes, and outlives programs (SLM_Ctrl_WriteWL, SLM_Ctrl_WriteAW): a
+            # bundle of another table is one of another panel.
+            model=f"Santec SLM-200 class, phase table {self._link.ask('WL')}",
             serial=serial,
             firmware="",
             height=HEIGHT,
@@ -108,6 +112,10 @@ class DisplaySlm(Modulator):
 
     def _do_arm(self, sequence: PatternSequence) -> None:
         self._go_dark()
+        for switch in _TRIGGERS:  # another program may have left them on
+            if self._link.ask(switch) != "0":
+                self._link.ask(f"{switch} 0")
+                self.incidents.append(f"{self.name}: {switch} was on, which shows slots out of turn: switched off")
         self._link.ask(f"TM {int(sequence.trigger is TriggerOut.PER_MASK)}")
 
     def _do_start(self, sequence: PatternSequence) -> None:

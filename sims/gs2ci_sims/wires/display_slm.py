@@ -4,7 +4,9 @@ It follows Santec's own source for macOS (SlmCtrl.m, 2022) and its manual of the
 line feed; the number of a row stands in the bytes 9 to 11, low byte first; while busy it answers BS and takes no
 command; the slot that DS shows cannot be overwritten (SLM_Ctrl_WriteMI); a change to memory mode takes 40 s, in which
 there is no response (SLM_Ctrl_WriteVI; at power-up it shows its video input); an image is not read while it is asked
-for its status at once (slm_Ctrl_WriteMI: "without waiting here it fails however often one tries").
+for its status at once (slm_Ctrl_WriteMI: "without waiting here it fails however often one tries"). Its phase table
+(WL: nm, and the phase of the top level in pi/100) and its switches TI and TC stay as programs leave them
+(SLM_Ctrl_ReadWL, _ReadTI, _ReadTC of SLMFunc.h); while TI is on, a pulse at the trigger input shows the next slot.
 
 Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`). It shares no
 code with the driver.
@@ -57,6 +59,7 @@ class DisplaySlmTwin(SerialTwin):
         self._passes = transmissions(greys, TOP, self._full)
         self.panel = Panel(world, f"{name}.out", self.faults, response_s)
         self._input = bytearray()
+        self.table = "633 200"
         self._restart()
 
     @property
@@ -75,6 +78,7 @@ class DisplaySlmTwin(SerialTwin):
         self.slots: dict[int, U16] = {}
         self._target = 0
         self._pulses = False
+        self.switches = {"TI": 0, "TC": 0}
         self._from_memory = False
         self._shown: int | None = None
         self._image_end_s = 0.0
@@ -147,10 +151,9 @@ class DisplaySlmTwin(SerialTwin):
         self._finish(self._obey(head, numbers), text.strip(), _MODE_S if changes else _COMMAND_S)
 
     def _obey(self, head: str, numbers: list[int]) -> str:
-        if head == "SN":
-            return "2018021101"
-        if head == "VI" and not numbers:
-            return str(int(not self._from_memory))
+        told = {"SN": "2018021101", "VI": int(not self._from_memory), "WL": self.table, **self.switches}
+        if head in told and not numbers:
+            return str(told[head])
         if len(numbers) != 1:
             return "NG"
         value = numbers[0]
@@ -159,6 +162,8 @@ class DisplaySlmTwin(SerialTwin):
         elif head == "MI" and 1 <= value <= 128 and value != self._shown:
             self._target = value
             self._rows.clear()
+        elif head in self.switches and value <= 1:
+            self.switches[head] = value
         elif head == "DS" and value in self.slots and self._from_memory:
             self._shown = value
             self.panel.set(self._passes[self.slots[value]], self._full)
@@ -173,6 +178,11 @@ class DisplaySlmTwin(SerialTwin):
         else:
             return "NG"
         return "OK"
+
+    def trigger(self) -> None:
+        """Give a pulse to the trigger input."""
+        if self.switches["TI"] and self._shown is not None:
+            self._obey("DS", [self._shown + 1 if self._shown + 1 in self.slots else 1])
 
     def _take_row(self, row: int, data: bytes) -> None:
         if not self.faults.take("slm.row_lost"):
