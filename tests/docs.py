@@ -62,6 +62,13 @@ _DEVICES_HEAD = """\
 
 What devices do where one would guess otherwise, by family and firmware, with the source and the test that plays it.
 `gs2ci doctor` prints the rows of the devices that it finds.
+
+Not supported: stages of PI (GCS 2) and Newport, Zaber's binary protocol, printers' firmware; panels of Hamamatsu,
+Meadowlark and Holoeye over USB or PCIe. As a second display such a panel is `kind = "video"`: levels for its wavelength
+are `dark_level`, `bright_level` or `grey_table`, and the three colours of a picture are equal, so that a panel which
+reads more than 8 bits, or several binary pictures, from the colours of one frame shows others than were sent.
+[Plug-ins](plugins.md) add devices.
+
 Made from `drivers/gs2ci_drivers/manners/*.toml` by `python -m tests.docs`.
 """
 

@@ -272,6 +272,12 @@ def _glb(asked: _Asked) -> _Write:
 def _colmap(asked: _Asked) -> _Write:
     from gs2ci.evaluate.whole_folder import write_pictures
 
+    if asked.run.distortion is not None:
+        asked.say(
+            "The pictures are distorted as the lens has it, and the model says so. Programs that take pinhole cameras "
+            "only, 3DGS's own training among them, need `colmap image_undistorter` first."
+        )
+
     def write(path: Path) -> None:
         model = path / "sparse" / "0"
         model.mkdir(parents=True)

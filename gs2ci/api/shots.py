@@ -172,7 +172,7 @@ def import_file(
     options = {name: given[name] for name in ImportOptions.__dataclass_fields__ if name in given} | {
         "distortion": Array("--distortion", np.array(distortion)) if len(distortion) else None,
         "intrinsics": Path(intrinsics) if isinstance(intrinsics, str | Path) else _given("--intrinsics", intrinsics),
-        "world_to_camera": _given("--poses", poses),
+        "world_to_camera": Path(poses) if isinstance(poses, str | Path) else _given("--poses", poses),
         "truth": _given("--truth", truth),
         "stage": None if stage is None else _place(stage),
         "stage_axes": tuple(stage_axes),
@@ -300,15 +300,13 @@ def _place(path: str | Path) -> Path:
 
 
 def _given(name: str, value: ArrayOrFile) -> "Array | None":
-    from gs2ci.core.foreign.camera_files import is_camera_file, read_poses
     from gs2ci.core.foreign.container import Array
     from gs2ci.core.foreign.opening import load_single
 
     if value is None:
         return None
     if isinstance(value, str | Path):
-        path = Path(value)
-        return Array(str(path), read_poses(path)) if name == "--poses" and is_camera_file(path) else load_single(path)
+        return load_single(Path(value))
     try:
         return Array(name, np.asarray(on_host(value), dtype=np.float64))
     except (TypeError, ValueError, RuntimeError) as error:  # the last of tensors without data, or lazily negated

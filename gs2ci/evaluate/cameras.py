@@ -18,8 +18,8 @@ from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.whole_folder import view_names
 
 # COLMAP's binary files (its documentation, "Output Format"): numbers without padding, least byte first.
-_PINHOLE: Final = 1
-_FULL_OPENCV: Final = 6
+# Each model with how many of OpenCV's coefficients it has; programs that read COLMAP's models often stop at the last.
+_MODELS: Final = {0: 1, 4: 4, 8: 6}
 _CAMERA: Final = np.dtype([("id", "<i4"), ("model", "<i4"), ("width", "<u8"), ("height", "<u8")])
 _CAMERA_ID: Final = 1
 _IMAGE: Final = np.dtype([("id", "<u4"), ("turn", "<f8", 4), ("shift", "<f8", 3), ("camera", "<u4")])
@@ -126,7 +126,8 @@ def write_colmap_model(
         size: Height and width.
         points: [P, 3], scene units.
         colors: [P, 3], clamped to [0, 1].
-        distortion: As for `nerfstudio_transforms`; with it the camera is a FULL_OPENCV one, otherwise a PINHOLE.
+        distortion: As for `nerfstudio_transforms`; with it the camera is an OPENCV one, with a k3 a FULL_OPENCV one,
+            otherwise a PINHOLE.
         depth: Of each view, [N, H, W], 0 where it is not known. Views in whose depth a point lies observe it; programs
             for dense stereo choose their pairs of pictures by such tracks. None writes none.
         views: [N, H, W, 1 or 3]: points that they observe have the mean of what they show there, as COLMAP's have.
@@ -139,12 +140,11 @@ def write_colmap_model(
     pixels, seen = _observed(Cameras(world_to_camera, intrinsics, distortion), points.astype(np.float64), size, depth)
     if views is not None:
         colors = _as_seen(views, pixels, seen, colors)
-    lens = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
-    model = _PINHOLE
-    if distortion is not None:
-        # The last three parameters of FULL_OPENCV are k4 k5 k6, the denominator of a rational model.
-        model, lens = _FULL_OPENCV, [*lens, *distortion, 0.0, 0.0, 0.0]
-    camera = np.array((_CAMERA_ID, model, size[1], size[0]), _CAMERA)
+    # The last three parameters of FULL_OPENCV are k4 k5 k6, the denominator of a rational model.
+    bent = np.trim_zeros([] if distortion is None else [*distortion], "b")
+    known = next(number for number in _MODELS if number >= len(bent))
+    lens = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2], *bent, *[0.0] * (known - len(bent))]
+    camera = np.array((_CAMERA_ID, _MODELS[known], size[1], size[0]), _CAMERA)
     files = {
         "cameras.bin": [_count(1), camera.tobytes(), np.array(lens, "<f8").tobytes()],
         "images.bin": [_count(len(world_to_camera)), *_images(world_to_camera, pixels, seen)],

@@ -195,6 +195,12 @@ def test_a_k3_that_instant_ngp_knows_not_is_said(run):
     assert heard.sentences == ["instant-ngp knows no k3; that of this lens, 0.01, is left out."]
 
 
+def test_a_colmap_model_of_distorted_pictures_says_who_needs_them_straight(run):
+    heard = gs2ci.Silent()
+    gs2ci.export(replace(run, distortion=np.array([0.1, 0, 0, 0, 0])), "colmap", progress=heard)
+    assert [("image_undistorter" in sentence) for sentence in heard.sentences] == [True]
+
+
 def test_cameras_and_pictures_for_colmap_and_nerfstudio_tell_the_same(run):
     model = pycolmap.Reconstruction(str(gs2ci.export(run, "colmap", "model") / "sparse" / "0"))
     folder = gs2ci.export(run, "nerfstudio", "studio")

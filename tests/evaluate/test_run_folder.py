@@ -133,15 +133,19 @@ def test_cameras_are_those_of_nerfstudio(written):
         np.testing.assert_allclose(pose @ up, [0, -1, 0, 1], atol=1e-12)
 
 
-def test_the_lens_of_the_pictures_is_told_with_the_cameras(tmp_path, make_run, scene):
+@pytest.mark.parametrize(
+    ("k3", "model", "number"), [(0.002, "FULL_OPENCV", 12), (0.0, "OPENCV", 8)], ids=["with k3", "without"]
+)
+def test_the_lens_of_the_pictures_is_told_with_the_cameras(tmp_path, make_run, scene, k3, model, number):
+    """nerfstudio's and gsplat's readers of COLMAP's models know OPENCV, and stop at FULL_OPENCV."""
     shot, result = make_run()
-    lens = np.array([-0.1, 0.01, 1e-3, -1e-3, 0.002])
+    lens = np.array([-0.1, 0.01, 1e-3, -1e-3, k3])
     folder = write_run(tmp_path / "run", shot, replace(result, distortion=lens), scene)
     cameras = json.loads((folder / "cameras.json").read_text())
     assert [cameras[key] for key in ("k1", "k2", "p1", "p2", "k3")] == lens.tolist()
     camera = pycolmap.Reconstruction(folder / "colmap" / "sparse" / "0").cameras[1]
-    assert camera.model_name == "FULL_OPENCV"
-    np.testing.assert_array_equal(camera.params[4:9], lens)
+    assert (camera.model_name, len(camera.params)) == (model, number)
+    np.testing.assert_array_equal(camera.params[4:9], lens[: number - 4])
 
 
 def test_the_colmap_model_reads_back_in_pycolmap(written, scene):

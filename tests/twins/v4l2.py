@@ -16,7 +16,7 @@ import numpy as np
 from gs2ci.core.arrays import U8, U16
 from gs2ci_sims.wires import v4l2, v4l2_camera
 from gs2ci_sims.wires.shutter import Exposed, Shutting
-from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, row_bytes
+from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, PADDING_BYTE, THREE_HALVES, row_bytes
 from gs2ci_sims.wires.v4l2_controls import (
     CID_ANALOGUE_GAIN,
     CID_AUTOGAIN,
@@ -33,7 +33,7 @@ from gs2ci_sims.wires.v4l2_controls import (
 )
 from gs2ci_sims.wires.v4l2_controls import TwinControl as PlainControl
 from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
-from gs2ci_sims.wires.v4l2_queue import FLAG_MONOTONIC, BufferRing, Filled, _Slot
+from gs2ci_sims.wires.v4l2_queue import FLAG_ERROR, FLAG_MONOTONIC, BufferRing, Filled, _Slot
 from tests.twins.shutter import OddShutter
 from tests.twins.v4l2_processing import ARRAY, HAS_PAYLOAD, INACTIVE, TwinControl, process, processing_controls
 
@@ -56,6 +56,9 @@ class CameraModel(v4l2_camera.CameraModel):
         left_aligned: Whether 16-bit containers carry the value in their upper bits.
         repeats_top: Whether its top bits are repeated below it then, as by VI5 of NVIDIA's Jetson Xavier and Orin
             (T_R16; https://forums.developer.nvidia.com/t/223616).
+        compact: Whether values of a 16-bit container lie one after another instead, the first in the lowest bits, in
+            rows of a multiple of 256 bytes, as Rockchip's rkcif puts them into memory unless told otherwise
+            (CSI_LVDS_MEM_COMPACT, "8bit memory compact"; wiki of VEYE's cameras on the RK3588, Line stride).
         stride_multiple: Rows are padded to a multiple of this number of bytes.
         multi_plane: Whether it captures through the multi-plane interface, with a header before each plane.
         header_bytes: Header before the pixels of a plane (multi-plane only).
@@ -71,20 +74,28 @@ class CameraModel(v4l2_camera.CameraModel):
         tree_known: Whether the device tree of the sensor is below /sys/bus/i2c, as on a Raspberry Pi.
         ignored_triggers: Edges lost after each start.
         monotonic: Whether stamps count on CLOCK_MONOTONIC.
-        realtime: Whether they count on CLOCK_REALTIME and are flagged as CLOCK_MONOTONIC nevertheless: uvcvideo with
-            clock=realtime (uvc_video_get_time in uvc_video.c; uvc_queue_init sets the flag in any case).
+        ahead_s: By how much they lead CLOCK_MONOTONIC, although they are flagged as its: `REALTIME_S` by uvcvideo with
+            clock=realtime (uvc_video_get_time in uvc_video.c; uvc_queue_init sets the flag in any case), 29 s on a
+            Jetson Xavier (vi5_fops.c, vi5_capture_dequeue; forums.developer.nvidia.com/t/265011).
         restarts_numbers: Whether frame numbers restart with each start.
         first_number: The first of them: unicam's is 1 (kbingham/libcamera issue 50).
         has_events: Whether source changes can be subscribed to.
         processing: Whether it has further controls that change readings (`v4l2_processing`).
+        gamma: Its gamma at power-up, in hundredths: "typically 100 (gamma = 1) or 220 (gamma = 2.2)" of USB cameras
+            (Microsoft, KSPROPERTY_VIDEOPROCAMP_GAMMA).
         sensor: Kernel driver of the sensor, which the kernel lists below /sys/bus/i2c; "": it lists none.
         auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
+        gives_up_s: After how long without a frame it gives a buffer back, marked as bad; 0: never. NVIDIA's waits for
+            2.5 s (vi5_fops.c: vi5_capture_dequeue, CAPTURE_TIMEOUT_MS).
+        blanks: Whether its lines can be stretched (imx219.c, imx477.c: V4L2_CID_HBLANK), as libcamera does for long
+            exposures: an exposure of as many lines lasts longer then.
         bus_code: The only bus format of its sensor, which its receiver widens to 16 bits; 0: one for each format.
     """
 
     significant_bits: int = 0
     left_aligned: bool = False
     repeats_top: bool = False
+    compact: bool = False
     stride_multiple: int = 1
     multi_plane: bool = False
     header_bytes: int = 0
@@ -95,13 +106,16 @@ class CameraModel(v4l2_camera.CameraModel):
     tree_known: bool = True
     ignored_triggers: int = 0
     monotonic: bool = True
-    realtime: bool = False
+    ahead_s: float = 0.0
     restarts_numbers: bool = True
     first_number: int = 0
     has_events: bool = True
     processing: bool = False
+    gamma: int = 100
     sensor: str = ""
     auto_gain: int = 0
+    gives_up_s: float = 0.0
+    blanks: bool = False
     bus_code: int = 0
 
     @property
@@ -123,6 +137,8 @@ class CameraModel(v4l2_camera.CameraModel):
         return min(self.significant_bits or BITS[code], BITS[code])
 
     def stride(self, code: str, width: int) -> int:
+        if self.compact and code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES):
+            return -(-width * BITS[code] // 8 // 256) * 256
         return -(-row_bytes(code, width) // self.stride_multiple) * self.stride_multiple
 
 
@@ -151,7 +167,9 @@ class OddBank(ControlBank):
             overridden_s = min(self[CID_TEGRA_EXPOSURE] * 1e-6, frame_s - TEGRA_MARGIN_S)
             return overridden_s if self[CID_OVERRIDE] else TABLE_EXPOSURE_S
         if CID_EXPOSURE in self:
-            return self[CID_EXPOSURE] * 1e-6 if self._model.exposure == "microseconds" else super().exposure_s()
+            line_px = self._frame[1] + self[CID_HBLANK] if self._model.blanks else self._line_px
+            lines_s = super().exposure_s() * line_px / self._line_px
+            return self[CID_EXPOSURE] * 1e-6 if self._model.exposure == "microseconds" else lines_s
         return self[CID_EXPOSURE_ABSOLUTE] * 100e-6 if CID_EXPOSURE_ABSOLUTE in self else 5e-3
 
     def _limit_exposure(self) -> None:
@@ -208,6 +226,8 @@ class OddBank(ControlBank):
         model = self._model
         in_lines = (CID_VBLANK, CID_HBLANK, CID_PIXEL_RATE, CID_EXPOSURE)
         for control in super()._made():
+            if control.cid == CID_HBLANK and model.blanks:
+                control.flags = 0
             if control.cid == CID_EXPOSURE and model.exposure == "microseconds":
                 control.high = 10_000_000
             if model.exposure == "tegra" and control.cid in (CID_AUTOGAIN, CID_ANALOGUE_GAIN):
@@ -226,7 +246,7 @@ class OddBank(ControlBank):
             yield TwinControl(CID_TEGRA_RATE, "Frame Rate", INTEGER64, *rates)
             yield TwinControl(CID_OVERRIDE, "Override Enable", INTEGER_MENU, 0, 1, 1, 0, 0, {0: "0", 1: "1"})
         if model.processing:
-            yield from processing_controls()
+            yield from processing_controls(model.gamma)
 
 
 class OddRing(BufferRing):
@@ -292,6 +312,17 @@ class OddDevice(CaptureDevice):
         struct.pack_into("<I", argument, 0, min(count, self._model.max_buffers))
         super()._reqbufs(file, argument, payload)
 
+    def _stream_on(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        super()._stream_on(file, argument, payload)
+        if self._model.gives_up_s:
+            run, number = self._runs, self._number
+            self._world.clock.after(self._model.gives_up_s, lambda: self._give_up(run, number))
+
+    def _give_up(self, run: int, number: int) -> None:
+        if (run, number) == (self._runs, self._number):
+            self._number += 1
+            self.ring.fill(np.zeros(0, np.uint8), Filled(0, self._flags() | FLAG_ERROR, 0, number))
+
     def _first_number(self) -> int:
         return self._model.first_number if self._model.restarts_numbers else self._number
 
@@ -304,10 +335,15 @@ class OddDevice(CaptureDevice):
         return super()._flags() & (~0 if self._model.monotonic else ~FLAG_MONOTONIC)
 
     def _stamp_ns(self, exposed: Exposed) -> int:
-        return super()._stamp_ns(exposed) + (round(REALTIME_S * 1e9) if self._model.realtime else 0)
+        return super()._stamp_ns(exposed) + round(self._model.ahead_s * 1e9)
 
     def _packed(self, pixels: U16) -> U8:
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
+        if self._model.compact and words:
+            bits = pixels[:, :, None] >> np.arange(BITS[self._code], dtype=np.uint16) & 1
+            rows = np.packbits(bits.reshape(len(pixels), -1).astype(np.uint8), axis=1, bitorder="little")
+            spare = self._model.stride(self._code, pixels.shape[1]) - rows.shape[1]
+            return np.pad(rows, ((0, 0), (0, spare)), constant_values=PADDING_BYTE).ravel()
         shift = 16 - self._model.bits(self._code) if words and self._model.left_aligned else 0
         raised = pixels.astype(np.uint32) << shift
         if self._model.repeats_top and shift > 0:

@@ -46,8 +46,8 @@ class TwinControl(v4l2_controls.TwinControl):
         self.default_data = self.data
 
 
-def processing_controls() -> Iterable[TwinControl]:
-    """List the controls that an image processor adds, with their values at power-up."""
+def processing_controls(gamma: int = 100) -> Iterable[TwinControl]:
+    """List the controls that an image processor adds, with their values at power-up, that of gamma among them."""
     yield TwinControl(CID_BRIGHTNESS, "Brightness", INTEGER, -64, 64, 1, 0)
     yield TwinControl(0x00980901, "Contrast", INTEGER, 0, 95, 1, 32)
     yield TwinControl(0x00980902, "Saturation", INTEGER, 0, 100, 1, 55)
@@ -56,7 +56,7 @@ def processing_controls() -> Iterable[TwinControl]:
     yield TwinControl(CID_AUTO_WHITE_BALANCE, "White Balance, Automatic", BOOLEAN, 0, 1, 1, 1)
     yield TwinControl(0x0098090E, "Red Balance", INTEGER, 0, 1023, 1, 256, inactive_while=CID_AUTO_WHITE_BALANCE)
     yield TwinControl(0x0098090F, "Blue Balance", INTEGER, 0, 1023, 1, 256, inactive_while=CID_AUTO_WHITE_BALANCE)
-    yield TwinControl(CID_GAMMA, "Gamma", INTEGER, 64, 300, 1, 100)
+    yield TwinControl(CID_GAMMA, "Gamma", INTEGER, 64, 300, 1, gamma)
     yield TwinControl(CID_HFLIP, "Horizontal Flip", BOOLEAN, 0, 1, 1, 0, MODIFY_LAYOUT)
     yield TwinControl(CID_VFLIP, "Vertical Flip", BOOLEAN, 0, 1, 1, 0, MODIFY_LAYOUT)
     lines = {0: "Disabled", 1: "50 Hz", 2: "60 Hz"}
@@ -108,7 +108,9 @@ def process(pixels: U16, top: int, controls: Mapping[int, v4l2_controls.TwinCont
         and not one.flags & READ_ONLY
     }
     off.pop(CID_AUTOGAIN, None)  # it was on at power-up
-    if not off:
+    gamma = controls[CID_GAMMA].value if CID_GAMMA in controls else 100
+    off.pop(CID_GAMMA, None)
+    if not off and gamma == 100:
         return pixels
     if off.pop(CID_TEST_PATTERN, 0):
         bars = np.linspace(0, top, pixels.shape[1]).astype(np.uint16)
@@ -118,7 +120,7 @@ def process(pixels: U16, top: int, controls: Mapping[int, v4l2_controls.TwinCont
     if off.pop(CID_VFLIP, 0):
         pixels = pixels[::-1]
     values = pixels * 10 ** (off.pop(CID_ANALOGUE_GAIN, 0) * 0.1 / 20) * off.pop(CID_DIGITAL_GAIN, 256) / 256
-    values = top * np.clip(values / top, 0, 1) ** (100 / off.pop(CID_GAMMA, 100))
+    values = top * np.clip(values / top, 0, 1) ** (100 / gamma)
     black = controls[CID_BLACK_LEVEL].default if CID_BLACK_LEVEL in controls else 0
     values = values + off.pop(CID_BRIGHTNESS, 0) + off.pop(CID_BLACK_LEVEL, black) - black
     inert = [cid for cid in off if _inactive(controls, cid)]

@@ -95,8 +95,9 @@ class GrblStage(Stage):
 
     def _do_connect(self) -> StageInfo:
         try:
-            first = self._link.await_boot()
-        except NoAnswerError as error:
+            status = self._come_to_rest(self._link.await_boot())
+            self._build = ask_build(self._link, self.name, self._names)
+        except (NoAnswerError, RefusedError) as error:
             if other := self._link.other_firmware():
                 raise UnsupportedError(
                     self.name,
@@ -107,8 +108,6 @@ class GrblStage(Stage):
                     "it moves",
                 ) from error
             raise
-        status = self._come_to_rest(first)
-        self._build = ask_build(self._link, self.name, self._names)
         self._link.lock_s = self._build.lock_s
         for _ in range(OFFSET_REPORTS):
             if status.machine is not None or self._rest.offset is not None or status.offset is not None:

@@ -14,6 +14,7 @@ Here: `ExposureControl` (seconds ↔ units of the control) and the unit. Not her
 (`gs2ci.rig.trigger_check`), controls themselves (`controls`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -71,7 +72,12 @@ def counts_microseconds(port: SysPort, table: ControlTable) -> bool | None:
 
 
 def exposure_unit(
-    table: ControlTable, width: int, stated_s: float | None, *, micro: bool | None
+    table: ControlTable,
+    width: int,
+    stated_s: float | None,
+    *,
+    micro: bool | None,
+    planned: Mapping[str, int] | None = None,
 ) -> ExposureUnit | None:
     """Return the unit of V4L2_CID_EXPOSURE, or None if the driver tells nothing of it.
 
@@ -80,10 +86,11 @@ def exposure_unit(
         width: Columns, for the line time.
         stated_s: Seconds per unit by the rig file, if it states them.
         micro: From `counts_microseconds`.
+        planned: As for `line_time_s`.
     """
     if stated_s:
         return ExposureUnit(stated_s)
-    line_s = line_time_s(table, width)
+    line_s = line_time_s(table, width, planned)
     if line_s is None:
         return None
     if micro is None:
@@ -122,7 +129,13 @@ class ExposureControl:
 
     @classmethod
     def find(
-        cls, table: ControlTable, width: int, unit_s: float | None = None, *, micro: bool | None = False
+        cls,
+        table: ControlTable,
+        width: int,
+        unit_s: float | None = None,
+        *,
+        micro: bool | None = False,
+        planned: Mapping[str, int] | None = None,
     ) -> "ExposureControl | None":
         """Return the finest exposure control whose unit is known, or None.
 
@@ -131,10 +144,11 @@ class ExposureControl:
             width: Columns, for the line time (width + HBLANK) / PIXEL_RATE.
             unit_s: Seconds per unit of EXPOSURE from the user; None to take the driver's figures.
             micro: From `counts_microseconds`.
+            planned: As for `line_time_s`.
         """
         control, absolute = table.find(abi.Cid.EXPOSURE), table.find(abi.Cid.EXPOSURE_ABSOLUTE)
         if control is not None and control.settable:
-            unit = exposure_unit(table, width, unit_s, micro=micro)
+            unit = exposure_unit(table, width, unit_s, micro=micro, planned=planned)
             if unit is not None:
                 return cls(table, control, unit, in_lines=unit.seconds != MICROSECOND_S)
         if absolute is not None and absolute.settable:
@@ -207,10 +221,21 @@ class ExposureControl:
         return applied * self.unit_s
 
 
-def line_time_s(table: ControlTable, width: int) -> float | None:
-    """Compute a line's duration, (width + HBLANK) / PIXEL_RATE, in seconds; None if the driver reports neither."""
+def line_time_s(table: ControlTable, width: int, planned: Mapping[str, int] | None = None) -> float | None:
+    """Compute a line's duration, (width + HBLANK) / PIXEL_RATE, in seconds; None if the driver reports neither.
+
+    Args:
+        table: Where the controls are.
+        width: Columns.
+        planned: Controls that a capture will set, by name: for the line that it will have, whatever another program
+            (libcamera stretches lines for long exposures) left; None for the present one.
+    """
     hblank, rate = table.find(abi.Cid.HBLANK), table.find(abi.Cid.PIXEL_RATE)
     if hblank is None or rate is None:
         return None
     pixels_per_s = table.get(rate.cid)
-    return (width + table.get(hblank.cid)) / pixels_per_s if pixels_per_s > 0 else None
+    if planned is None or not hblank.settable:
+        blank = table.get(hblank.cid)
+    else:
+        blank = planned.get(hblank.name, hblank.default)
+    return (width + blank) / pixels_per_s if pixels_per_s > 0 else None

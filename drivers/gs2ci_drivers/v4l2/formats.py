@@ -5,7 +5,8 @@ Here: what a four-character code means (bits, packing, mosaic), the geometry of 
 
 Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
 the value in the low bits unless the rig file says otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit), 2 in
-3 (12 bit) or 4 in 7 (14 bit).
+3 (12 bit) or 4 in 7 (14 bit). Rockchip's receivers give the codes of 16-bit containers to values one after another, the
+first in the lowest bits ("compact"; rk-camera-module and rkcif-config.h: CSI_LVDS_MEM_COMPACT).
 """
 
 import enum
@@ -32,6 +33,7 @@ class Packing(enum.Enum):
     MIPI10 = (4, 5)
     MIPI12 = (2, 3)
     MIPI14 = (4, 7)
+    STREAM = (4, 0)
 
 
 @dataclass(frozen=True)
@@ -52,9 +54,15 @@ class PixelFormat:
     cfa: CfaPattern | None = None
     bus_code: int | None = None
 
+    @property
+    def group(self) -> tuple[int, int]:
+        """Get how many pixels lie together, and in how many bytes."""
+        pixels, size = self.packing.value
+        return pixels, size or pixels * self.bits // 8
+
     def row_bytes(self, width: int) -> int:
         """Compute how many bytes a row of `width` pixels takes, without padding."""
-        pixels, size = self.packing.value
+        pixels, size = self.group
         return math.ceil(width / pixels) * size
 
 
@@ -187,8 +195,10 @@ def unpack(data: RawBytes, geometry: FrameGeometry) -> U16:
     elif geometry.pixel.packing is Packing.WORDS:
         return _aligned(_words(raw, geometry), geometry)
     else:
-        pixels, size = geometry.pixel.packing.value
-        values = _mipi(_rows(raw, geometry, size), pixels, geometry.width)
+        pixels, size = geometry.pixel.group
+        groups = _rows(raw, geometry, size)
+        streamed = geometry.pixel.packing is Packing.STREAM
+        values = _stream(groups, geometry) if streamed else _mipi(groups, pixels, geometry.width)
     _check_range(values, geometry)
     return values
 
@@ -246,6 +256,14 @@ def _other_alignment(words: U16, geometry: FrameGeometry) -> str:
         return f"no alignment of {bits} bits fits: set significant_bits in [sensor] from the camera's data sheet"
     why = ": their top bits are repeated below them, as on Jetson" if repeated else ""
     return f"if every frame says so, set alignment = {found!r} in [sensor] for this camera{why}"
+
+
+def _stream(groups: U8, geometry: FrameGeometry) -> U16:
+    """Unpack [H, G, S] bytes: four values one after another, the first in the lowest bits."""
+    bits = geometry.pixel.bits
+    words = sum(groups[:, :, k].astype(np.uint64) << np.uint64(8 * k) for k in range(groups.shape[2]))
+    values = np.stack([words >> np.uint64(bits * i) & np.uint64(2**bits - 1) for i in range(4)], axis=2)
+    return np.ascontiguousarray(values.reshape(len(groups), -1)[:, : geometry.width], dtype=np.uint16)
 
 
 def _mipi(groups: U8, pixels: int, width: int) -> U16:

@@ -14,7 +14,7 @@ from gs2ci_drivers.sensor import Frame, FrameFlag, StampMeaning
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.formats import FrameGeometry, unpack
 from gs2ci_drivers.v4l2.node import Dequeued
-from gs2ci_drivers.v4l2.stamps import meaning_of
+from gs2ci_drivers.v4l2.stamps import CLOCKS_OF_THEIR_OWN, meaning_of
 
 _WRAP: Final = 1 << 32
 _STAMP_GRAIN_NS: Final = 1000
@@ -23,6 +23,10 @@ _FUTURE_NS: Final = 1_000_000_000
 """A stamp that lies further behind the frame's arrival is of another clock."""
 _PAST_NS: Final = 3600 * 1_000_000_000
 """And so is one that lies further before it: the kernel keeps no frame for so long."""
+WHY_MARKED: Final = {
+    "tegra-video": "; it does so where 2.5 s pass without a frame: let the first trigger come sooner after the start"
+}
+"""What a kernel driver may mean by that mark (NVIDIA's vi5_fops.c: vi5_capture_dequeue, CAPTURE_TIMEOUT_MS)."""
 FIRSTS: Final = {"unicam": (0, 1)}
 """The numbers that a kernel driver's first frame may have, other than 0: unicam's are 0 or 1, by version
 (kbingham/libcamera issue 50; raspberrypi/linux pull 5507). A frame lost before it is then missing at the end."""
@@ -47,11 +51,6 @@ class TakenBuffer:
     buffer: Dequeued
     data: bytes
     t_host_ns: int
-
-    @property
-    def monotonic(self) -> bool:
-        """Get whether its time stamp counts on CLOCK_MONOTONIC."""
-        return self.buffer.flags & abi.BufferFlag.TIMESTAMP_MASK == abi.BufferFlag.TIMESTAMP_MONOTONIC
 
 
 class KernelFrameChecks(FrameChecks[TakenBuffer]):
@@ -91,27 +90,33 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
             raise DeviceFaultError(self.device, "VIDIOC_DQBUF", ["LAST: the device ended the stream"])
         self._check_number(taken)
         if abi.BufferFlag.ERROR in taken.buffer.flags:
-            self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)")
+            self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)" + WHY_MARKED.get(self._driver, ""))
         if len(taken.data) < self._geometry.payload_bytes:
             self._spoil(f"{len(taken.data)} bytes instead of {self._geometry.payload_bytes}")
-        self._check_clock(taken)
+        monotonic = self._is_monotonic(taken)
         # The stamps of another clock cannot be compared with the trigger's time.
         age_ns = max(not_before_ns, self._started_ns) - taken.buffer.time_ns
-        if taken.monotonic and age_ns > _STAMP_GRAIN_NS:
+        if monotonic and age_ns > _STAMP_GRAIN_NS:
             raise FrameStaleError(self.device, self.frame_index - 1, age_ns * 1e-9)
         try:
             pixels = unpack(taken.data, self._geometry)
         except InputError as error:
             self._spoil(str(error))
-        flags = FrameFlag.STAMPED_MONOTONIC if taken.monotonic else FrameFlag.NONE
+        flags = FrameFlag.STAMPED_MONOTONIC if monotonic else FrameFlag.NONE
         flagged = abi.BufferFlag.TSTAMP_SRC_SOE in taken.buffer.flags
         flags |= meaning_of(self._driver, self._stamps, flagged=flagged).flag
         return self._deliver(pixels, taken.buffer.time_ns, taken.t_host_ns, flags)
 
-    def _check_clock(self, taken: TakenBuffer) -> None:
-        """Refuse stamps flagged as CLOCK_MONOTONIC that lie after the arrival, or hours before: another clock's."""
+    def _is_monotonic(self, taken: TakenBuffer) -> bool:
+        """Return whether a stamp counts on CLOCK_MONOTONIC.
+
+        Raises:
+            DeviceFaultError: It is flagged so and lies after the arrival, or hours before: another clock's.
+        """
         ahead_ns = taken.buffer.time_ns - taken.t_host_ns
-        if taken.monotonic and not -_PAST_NS < ahead_ns < _FUTURE_NS:
+        flagged = taken.buffer.flags & abi.BufferFlag.TIMESTAMP_MASK == abi.BufferFlag.TIMESTAMP_MONOTONIC
+        monotonic = flagged and self._driver not in CLOCKS_OF_THEIR_OWN
+        if monotonic and not -_PAST_NS < ahead_ns < _FUTURE_NS:
             when = f"{abs(ahead_ns) * 1e-9:.3g} s {'after' if ahead_ns > 0 else 'before'} the frame's arrival"
             raise DeviceFaultError(
                 self.device,
@@ -120,6 +125,7 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
                 remedy="it counts on another clock: for uvcvideo, write CLOCK_MONOTONIC to "
                 "/sys/module/uvcvideo/parameters/clock (`options uvcvideo clock=monotonic` in /etc/modprobe.d)",
             )
+        return monotonic
 
     def _if_always(self, number: int) -> str:
         return (

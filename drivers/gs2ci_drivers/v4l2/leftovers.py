@@ -78,6 +78,9 @@ NEUTRAL: Final = {
 """Standard controls whose neutral value is known, whatever the driver's default."""
 
 
+OF_DRIVERS: Final[dict[str, dict[int, int]]] = {"uvcvideo": {0x00980910: 100}}
+"""Neutral values by the standard of a kernel driver's devices: USB cameras count gamma in hundredths, and begin with
+"100 (gamma = 1) or 220 (gamma = 2.2)" (Microsoft, KSPROPERTY_VIDEOPROCAMP_GAMMA; UVC 1.5, Gamma Control)."""
 STRING: Final = 7
 """Type of a control that holds a text, which is recorded only."""
 
@@ -92,16 +95,18 @@ def changes_layout(control: Control) -> bool:
     return bool(control.flags & abi.ControlFlag.MODIFY_LAYOUT) or control.cid in (abi.Cid.HFLIP, abi.Cid.VFLIP)
 
 
-def neutral_of(control: Control) -> int | None:
+def neutral_of(control: Control, driver: str = "") -> int | None:
     """Return the value that a control is to have if nobody requests another; None if any may stay."""
     if control.cid & CLASS_MASK in ELSEWHERE or control.cid in RECORDED:
         return None
-    wanted = NEUTRAL.get(control.cid, control.default)
+    wanted = (NEUTRAL | OF_DRIVERS.get(driver, {})).get(control.cid, control.default)
     there = wanted in control.menu if control.menu else control.minimum <= wanted <= control.maximum
     return wanted if there else control.default
 
 
-def reset(table: ControlTable, device: str, kept: Collection[int], only: Iterable[Control]) -> list[str]:
+def reset(
+    table: ControlTable, device: str, kept: Collection[int], only: Iterable[Control], driver: str = ""
+) -> list[str]:
     """Reset controls that are off their neutral value; return a note for each that was.
 
     Args:
@@ -109,6 +114,7 @@ def reset(table: ControlTable, device: str, kept: Collection[int], only: Iterabl
         device: Name of the sensor, for messages.
         kept: Numbers of the controls that the capture sets itself.
         only: Which controls are looked at.
+        driver: Name of the kernel driver.
 
     Raises:
         UnsupportedError: Private controls are off their default; all of them are named.
@@ -120,7 +126,7 @@ def reset(table: ControlTable, device: str, kept: Collection[int], only: Iterabl
         # What an automatic setting made inactive is active again without it.
         control = table.renewed(listed) if listed.flags & abi.ControlFlag.INACTIVE else listed
         passive = not control.settable or not control.has_value or control.flags & abi.ControlFlag.INACTIVE
-        wanted = None if passive or control.cid in kept else neutral_of(control)
+        wanted = None if passive or control.cid in kept else neutral_of(control, driver)
         if wanted is None:
             continue
         found = table.get(control.cid)

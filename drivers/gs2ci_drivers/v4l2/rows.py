@@ -9,10 +9,11 @@ from typing import Final
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.v4l2.options import V4l2Options
 
-ROLLING: Final = frozenset({"imx219", "imx335", "imx477", "ov5647"})
+ROLLING: Final = frozenset({"imx219", "imx290", "imx335", "imx477", "imx500", "imx708", "ov5647"})
 """Kernel drivers of rolling sensors: the IMX219 (docs.zephyrproject.org, Camera Module 2: "rolling shutter"), the
 IMX335 (Balluff CA-UB, sensors), the IMX477 (wiki.kurokesu.com, 477x-CSI) and the IMX378, which imx477.c also drives
-(docs.luxonis.com, Shutter Type), the OV5647 (Raspberry Pi, Camera Module v1, "Rolling shutter")."""
+(docs.luxonis.com, Shutter Type), the IMX462, which imx290.c drives with the IMX290 and IMX327 (docs.luxonis.com), and
+those of all Raspberry Pi cameras but the Global Shutter Camera (their documentation, Rolling or Global shutter?)."""
 GLOBAL: Final = frozenset({"imx296", "ov9282", "ov7251", "ar0234"})
 """Of sensors that expose all rows at once (Balluff CA-UB for the IMX296; docs.luxonis.com for the others)."""
 BOUND: Final = "/sys/bus/i2c/drivers/{driver}/*-*"

@@ -4,8 +4,8 @@ Here: `OpenCamera`. Not here: streaming (`streaming`), the interface (`driver`).
 """
 
 import contextlib
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 from gs2ci.core.clock import Clock
@@ -16,7 +16,7 @@ from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSe
 from gs2ci_drivers.v4l2 import abi, leftovers
 from gs2ci_drivers.v4l2.controls import Applied, Control, ControlTable
 from gs2ci_drivers.v4l2.exposure import OVERRIDE, ExposureControl, counts_microseconds, line_time_s
-from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment, FrameGeometry, PixelFormat, bus_bits
+from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment, FrameGeometry, Packing, PixelFormat, bus_bits
 from gs2ci_drivers.v4l2.node import LARGEST_PX, Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.rows import ROLLS, rolls
@@ -27,7 +27,10 @@ REGION_STEP_PX: Final = 4
 RAISES: Final = frozenset({"rp1-cfe"})
 """Kernel drivers that put what a sensor sends into the upper bits of 16 (Raspberry Pi 5: "zero padding at the least
 significant end", documentation of rpicam-apps, Unpacked format details); on a Pi 4 it is in the lower ones."""
-"""Requested if the largest frame is wanted: every driver reduces it to its own largest."""
+PACKS: Final = "rkcif"
+"""Rockchip's kernel driver, whose rows of 10 and 12 bits are compact unless a program has set another memory mode: rows
+are then shorter than 16-bit values (rkcif_set_fmt in cif/capture.c; wiki of VEYE's cameras on the RK3588, Raw data
+format: "By default, the output is in Compact RAW format")."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ class OpenCamera:
                 allowed=", ".join(sorted(code.strip() for code in PIXEL_FORMATS)),
                 remedy="choose another node, or write the frames of this camera through a driver of its maker",
             )
-        exposure = self._exposure_control(self.node.get_format().width)
+        exposure = self._exposure_control(self.node.get_format().width, self._options.controls)
         low_s, high_s, step_s = self._exposure_limits(exposure)
         return SensorInfo(
             model=self.identity.card,
@@ -137,8 +140,9 @@ class OpenCamera:
             return self._options.fixed_exposure_s, self._options.fixed_exposure_s, 0.0
         return 0.0, float("inf"), 0.0
 
-    def _exposure_control(self, width: int) -> ExposureControl | None:
-        return ExposureControl.find(self.controls, width, self._options.exposure_unit_s, micro=self._micro)
+    def _exposure_control(self, width: int, planned: Mapping[str, int] | None = None) -> ExposureControl | None:
+        unit_s = self._options.exposure_unit_s
+        return ExposureControl.find(self.controls, width, unit_s, micro=self._micro, planned=planned)
 
     def _frame_format(self, pixel: PixelFormat, fmt: NodeFormat) -> FrameFormat:
         bits = min(self._options.significant_bits or self._sent_bits or pixel.bits, pixel.bits)
@@ -209,7 +213,8 @@ class OpenCamera:
         notes: list[str] = []
         for table in (self.controls, self._others):
             if table is not None:
-                notes += leftovers.reset(table, self.name, kept, [one for one in table if which(one)])
+                chosen = [one for one in table if which(one)]
+                notes += leftovers.reset(table, self.name, kept, chosen, self.identity.driver)
         return notes
 
     def _record(self) -> dict[str, bool | int | float | str]:
@@ -231,6 +236,8 @@ class OpenCamera:
         pixel = PIXEL_FORMATS[fmt.code]
         stride = fmt.stride or pixel.row_bytes(fmt.width)  # some drivers leave it 0 for packed formats
         bits = self._frame_format(pixel, fmt).bits
+        if self.identity.driver == PACKS and pixel.packing is Packing.WORDS and stride < pixel.row_bytes(fmt.width):
+            pixel = replace(pixel, packing=Packing.STREAM)
         try:
             geometry = FrameGeometry(pixel, fmt.width, fmt.height, stride, bits, self._alignment())
         except InputError as error:

@@ -5,6 +5,9 @@
                       drivers/media/platform/raspberrypi/rp1-cfe/cfe.c (cfe_sof_isr_handler)
     uvcvideo          sets the flag for start of exposure and stamps the first packet: drivers/media/usb/uvc/
                       uvc_queue.c (V4L2_BUF_FLAG_TSTAMP_SRC_SOE), uvc_video.c (uvc_video_decode_start)
+    tegra-video       stamps the frame start on the camera processor's own clock and flags CLOCK_MONOTONIC: NVIDIA's
+                      vi5_fops.c (vi5_capture_dequeue, sof_timestamp), 29 s ahead on a Xavier (forums.developer.
+                      nvidia.com/t/265011); vi2_fops.c on older ones, by getrawmonotonic
     others            as the flag says; without it the end of the frame, as videobuf2 defines
 
 A frame's first packet leaves the sensor when its exposure has ended: with a global shutter the two are one line apart.
@@ -20,7 +23,10 @@ BY_DRIVER: Final[dict[str, StampMeaning]] = {
     "unicam": StampMeaning.START_OF_FRAME,
     "rp1-cfe": StampMeaning.START_OF_FRAME,
     "uvcvideo": StampMeaning.START_OF_FRAME,
+    "tegra-video": StampMeaning.START_OF_FRAME,
 }
+CLOCKS_OF_THEIR_OWN: Final = frozenset({"tegra-video"})
+"""Kernel drivers whose stamps drift beside CLOCK_MONOTONIC, whatever their flag says."""
 
 
 def meaning_of(driver: str, stated: StampMeaning | None, *, flagged: bool) -> StampMeaning:

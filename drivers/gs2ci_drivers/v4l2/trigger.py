@@ -236,7 +236,9 @@ VC_VALUES: Final[Mapping[TriggerMode, int]] = {
     TriggerMode.EDGE: 1,
     TriggerMode.LEVEL: 2,
 }
-"""The numbers of the VC-MIPI drivers' control (vc_mipi_core.c, vc_mod_set_trigger_mode)."""
+"""The numbers of the VC-MIPI drivers' control (vc_mipi_core.c, vc_mod_set_trigger_mode). Of others, which have no
+"single_trigger", only the first two are taken: VEYE's 2 is an edge, too ("high-speed continuous trigger mode")."""
+_COMMON: Final = (TriggerMode.FREE_RUN, TriggerMode.EDGE)
 
 
 class ControlTrigger:
@@ -253,7 +255,8 @@ class ControlTrigger:
 
     def __init__(self, table: ControlTable, device: str, options: V4l2Options) -> None:
         self._table = table
-        self._values = dict(options.trigger_values) or VC_VALUES
+        known = VC_VALUES if table.find("single_trigger") else {mode: VC_VALUES[mode] for mode in _COMMON}
+        self._values = dict(options.trigger_values) or known
         self._found: int | None = None
         control = table.require(options.trigger_control)
         self._cid = control.cid

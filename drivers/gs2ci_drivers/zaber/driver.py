@@ -38,6 +38,12 @@ ARRIVAL_STEPS = 2
 MM_PER_UM = 1e-3
 S_PER_MS = 1e-3
 STOP_TIMEOUT_S = 5.0
+SILENT = (
+    "check power, cable, `address` and `baud` in [stage]; a device that was set to Zaber's binary protocol (9600 baud) "
+    "is switched back to ASCII by Zaber Launcher, and firmware 5 (T-Series) has no other: it cannot be used here"
+)
+"""What may be wrong where nothing answers; of firmware 5: pymodaq-plugins-zaber, README ("only compatible with the
+binary protocol")."""
 SPEEDS_SINCE = (7, 25)
 """Firmware from which on `move abs` takes a speed of its own."""
 
@@ -70,7 +76,10 @@ class ZaberStage(Stage):
 
     def _do_connect(self) -> StageInfo:
         self._link.drain()
-        count = self._number(0, "system.axiscount")
+        try:
+            count = self._number(0, "system.axiscount")
+        except NoAnswerError as error:
+            raise NoAnswerError(self.name, error.asked, error.waited_s, remedy=SILENT) from error
         for axis, number in self._numbers.items():
             if not 1 <= number <= count:
                 raise UnsupportedError(

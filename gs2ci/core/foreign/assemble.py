@@ -26,7 +26,7 @@ from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.foreign.settled import SettledReadings, settle
-from gs2ci.core.foreign.stage_log import stage_poses
+from gs2ci.core.foreign.stage_log import poses_in, stage_poses
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -84,7 +84,7 @@ def _check_guess(found: Found, options: ImportOptions, traced: PatternTrace | No
         f"{found.measurement.where}: has no known name, and shows no trace of the masks: views that nothing coded, or "
         "another's masks?",
         allowed=f"a measurement, the sum of masked views, under one of {', '.join(roles.ALIASES['measurement'])}",
-        remedy="name it with --meas-key if it is one; true views become one by np.einsum('nhw,nhw->hw', masks, views)",
+        remedy=f"name it with --meas-key if it is one; true views become one by {roles.CODED}",
     )
 
 
@@ -264,6 +264,12 @@ class _Import:
             return None
         return read_calibration(given, self.readings.shape[1:3])
 
+    @cached_property
+    def calibration(self) -> Container | None:
+        """Get the file of arrays in which the user says that the camera matrix is."""
+        given = self.options.intrinsics
+        return open_foreign(given) if isinstance(given, Path) and self.camera_file is None else None
+
     def intrinsics(self) -> F64 | None:
         """Get the camera matrix: said, or from the file."""
         given, options = self.options.intrinsics, self.options
@@ -274,7 +280,7 @@ class _Import:
         if self.camera_file is not None:
             given = Array(str(given), self.camera_file.intrinsics)
         elif isinstance(given, Path):
-            given = self._load("intrinsics", open_foreign(given)) or load_single(given)
+            given = self._load("intrinsics", self.calibration) or load_single(given)
         given = given or self._load("intrinsics") or self._load("focal")
         if given is None:
             self.guesses.append("camera: no intrinsics given; the focal length will have to be estimated")
@@ -288,9 +294,10 @@ class _Import:
             if not self.camera_file.distortion.any():
                 return None
             given = Array(str(self.options.intrinsics), self.camera_file.distortion)
-        said = self.options.intrinsics
-        if given is None and isinstance(said, Path) and self.camera_file is None:
-            given = self._load("distortion", open_foreign(said))
+        if given is None and self.calibration is not None:
+            given = self._load("distortion", self.calibration)
+            if given is None and (unused := self.calibration.unused()):
+                self.guesses.append(f"{self.calibration.path}: no lens under a known name; not used: {unused}")
         given = given or self._load("distortion")
         if given is None:
             return None
@@ -301,8 +308,11 @@ class _Import:
 
     def true_poses(self) -> F64 | None:
         """Get the true poses, [K, N, 4, 4], from the user or from the file."""
-        if self.options.world_to_camera is not None:
-            return self._stack_of_poses(self.found.own(self.options.world_to_camera))
+        given = self.options.world_to_camera
+        if isinstance(given, Path):
+            given = poses_in(given, self.guesses) or load_single(given)
+        if given is not None:
+            return self._stack_of_poses(self.found.own(given))
         poses = self.poses("world_to_camera")
         return self.poses("camera_to_world") if poses is None else poses
 
@@ -357,7 +367,7 @@ class _Import:
         if key is None:
             return None
         loaded = holder.load(key)
-        if key.lower() != "mtx" or loaded.values.shape != (3, 3):
+        if key.lower() not in ("mtx", "kk") or loaded.values.shape != (3, 3):
             return loaded
         self.guesses.append(f"{loaded.where}: half a pixel was added to cx and cy, as OpenCV counts from pixel centres")
         return Array(loaded.where, loaded.values + HALF_A_PIXEL)

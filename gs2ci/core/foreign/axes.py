@@ -281,6 +281,8 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
         )
     elif told := _enlarged(shape, mask_shape):
         remedy += f"; {told}"
+    elif masks.values.dtype == np.uint8:
+        remedy += "; bytes of which each bit is an element: np.unpackbits(masks, axis=-1)"
     if mask_axis != "auto":
         remedy += f", or leave out --mask-axis {mask_axis}"
     return InputError(

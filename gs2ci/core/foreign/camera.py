@@ -25,6 +25,10 @@ TRAJECTORIES: Final = {8: "TUM's: time, place and quaternion", 12: "KITTI's: mat
 """Numbers in a row of the text files in which trajectories are kept, all of them camera-to-world."""
 
 
+# Lenses are centred better than this.
+_MOST_TANGENTIAL: Final = 0.015
+# Principal points lie within this share of the picture, unless it was cut or scaled.
+_CENTRAL: Final = (0.3, 0.7)
 # The w of a camera that hardly turns from the axes of its world is larger.
 _MOSTLY_ONE: Final = 0.9
 
@@ -86,15 +90,21 @@ def distortion_from(given: Array, guesses: list[str]) -> F64:
     coefficients[: min(len(values), len(COEFFICIENTS))] = values[: len(COEFFICIENTS)]
     told = ", ".join(f"{name} {value:.5g}" for name, value in zip(COEFFICIENTS, coefficients, strict=True))
     guesses.append(f"lens: {told}")
+    if np.abs(coefficients[2:4]).max() > _MOST_TANGENTIAL:
+        guesses.append(
+            f"WARNING: {given.where}: p1 and p2 are unusually large for a lens: are these OpenCV's k1 k2 p1 p2 k3? "
+            "Other programs write k1 k2 k3 p1 p2, and a fisheye's k1 k2 k3 k4 are another model, which is not supported"
+        )
     return coefficients
 
 
 def _doubt(matrix: F64, size: tuple[int, ...], guesses: list[str]) -> None:
     height, width = size
-    if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height):
+    low, high = _CENTRAL
+    if not (low * width < matrix[0, 2] < high * width and low * height < matrix[1, 2] < high * height):
         guesses.append(
-            f"WARNING: the principal point ({matrix[0, 2]:.1f}, {matrix[1, 2]:.1f}) lies outside the image of "
-            f"{width} x {height}: are the intrinsics those of this resolution?"
+            f"WARNING: the principal point ({matrix[0, 2]:.1f}, {matrix[1, 2]:.1f}) lies far from the middle of the "
+            f"image of {width} x {height}: are the intrinsics those of this resolution, and of this cut?"
         )
     if not 0.2 * width < matrix[0, 0] < 50 * width:
         guesses.append(
@@ -116,6 +126,12 @@ def trajectory(where: str, rows: F64, guesses: list[str]) -> F64:
                     f"{where}: times that do not grow from row to row",
                     allowed="rows in the order of exposure",
                     remedy="sort them, one row for each mask",
+                )
+            lacks = ~(np.isfinite(rows).all(axis=1) & rows[:, 4:].any(axis=1))
+            if lacks.any():
+                raise InputError(
+                    f"{where}: row {int(lacks.argmax()) + 1} holds no pose: NaN, or a quaternion of zeros",
+                    remedy="one pose for each mask: mend what the tracking lost, or leave the poses out",
                 )
             if (np.abs(rows[:, 4]) > _MOSTLY_ONE).all():
                 guesses.append(
@@ -160,7 +176,7 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
         remedy = "take out scales and axis flips (x right, y down, z forward), or leave the poses out"
         raise InputError(f"{given.where}: {error.problem}", allowed=error.allowed, remedy=remedy) from error
     if camera_to_world:
-        guesses.append(f"{given.where}: camera-to-world, inverted")
+        guesses.append(f"{given.where}: camera-to-world, of OpenCV's axes (x right, y down, z ahead), inverted")
         values = np.asarray(np.linalg.inv(values), np.float64)
     return np.ascontiguousarray(values)
 

@@ -74,7 +74,9 @@ def find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: l
     keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
     if meas_key:
         guesses.append("keys: " + ", ".join(f"{key!r} ({role})" for role, key in keys.items() if key))
-    guesses += [f"{role}: {one.note}" for role, one in (("measurement", container), ("masks", holder)) if one.note]
+    for one in {id(held): held for held in (container, holder) if held.note}.values():
+        doubt = "WARNING: " * one.note.startswith("WARNING: ")
+        guesses.append(f"{doubt}{one.path}: {one.note.removeprefix(doubt)}")
     measurement, masks = container.load(meas_key), holder.load(mask_key)
     truth = options.truth if truth_key is None else container.load(truth_key)
     for array in (measurement, masks):

@@ -5,7 +5,8 @@ MATLAB stores arrays column by column, and its files list the axes in that order
 is followed.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,15 +25,18 @@ _OCTAVE: Final = "OCTAVE_NEW_FORMAT"
 _RHDF5: Final = "rhdf5-NA.OK"
 _JULIA: Final = (b"HDF5-based Julia", b"Julia data file")
 # By which netCDF packs numbers into integers (CF conventions, 8.1), and their values where they are left out.
-_PACKED: Final = {"scale_factor": 1.0, "add_offset": 0.0, "_FillValue": np.nan}
+_PACKED: Final = {"scale_factor": 1.0, "add_offset": 0.0}
+# What stands for no number, there, unless it is 0, which is a reading.
+_MISSING: Final = ("_FillValue", "missing_value")
 _CELL: Final = {"cell": "cell array"}
 # Detectors write their frames two or three groups deep (NeXus: entry/data/data).
 _DEEPEST: Final = 6
 _OF_R: Final = "an HDF5 file of R or Julia, whose axes are taken as they are counted there"
-# Among programs that write no class, those that count axes from the other end cannot be told from h5py.
+# Among programs that write no class, those that count axes from the other end cannot be told from h5py, but that
+# sensors are wider than high.
 _NOT_BY_SAVE: Final = (
-    "an HDF5 file without MATLAB's classes, whose axes are taken as h5py shows them; MATLAB's h5write and Julia "
-    "reverse them: save -v7.3 there, or reverse them before writing"
+    "an HDF5 file without MATLAB's classes, whose axes are taken as h5py shows them{shown}; MATLAB's h5write and "
+    "Julia's HDF5.jl reverse them: save -v7.3 there, or reverse them before writing"
 )
 
 
@@ -47,15 +51,29 @@ def read_mat73(path: Path) -> Container:
     with damage_as_input_error(str(path)), h5py.File(path, "r") as file:
         if "schema" in file.attrs:
             raise InputError(f"{path}: is no .mat file but a capture file", remedy="reconstruct from it as it is")
-        entries = dict(_entries(path, file, "", 0))
-        arrays = [file[key] for key, entry in entries.items() if entry.kind == "number"]
-        note = "" if all(_is_reversed(array) for array in arrays) else _NOT_BY_SAVE
-        if _begins_as_julia(file) or any(_RHDF5 in array.attrs for array in arrays):
+        is_julia = _begins_as_julia(path)
+        entries = dict(_entries(path, file, "", 0, is_julia))
+        arrays = {key: file[key] for key, entry in entries.items() if entry.kind == "number"}
+        note = "" if all(_is_reversed(array, is_julia) for array in arrays.values()) else _doubt(entries, arrays)
+        if is_julia or any(_RHDF5 in array.attrs for array in arrays.values()):
             note = _OF_R
-    return Container(path, entries, lambda key: _load73(path, key), note)
+    return Container(path, entries, lambda key: _load73(path, key, is_julia), note)
 
 
-def _entries(path: Path, group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, ArrayEntry]]:
+def _doubt(entries: dict[str, ArrayEntry], arrays: Iterable[str]) -> str:
+    """Say that axes may be reversed; the two longest sides of the largest array are those of its pictures."""
+    key = max(arrays, key=lambda one: math.prod(entries[one].shape))
+    shape = entries[key].shape
+    longest = sorted(range(len(shape)), key=lambda axis: -shape[axis])[:2]
+    high, *wide = (shape[axis] for axis in sorted(longest)) if shape else (0,)
+    if not wide or high <= wide[0]:
+        return _NOT_BY_SAVE.format(shown="")
+    return "WARNING: " + _NOT_BY_SAVE.format(shown=f", {key!r} {high} pixels high and {wide[0]} wide")
+
+
+def _entries(
+    path: Path, group: h5py.Group, prefix: str, depth: int, is_julia: bool
+) -> Iterator[tuple[str, ArrayEntry]]:
     """Describe what a group holds, and what the groups in it hold."""
     if len(group) > ENTRY_LIMIT:
         raise InputError(f"{path}: {len(group)} variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
@@ -65,29 +83,29 @@ def _entries(path: Path, group: h5py.Group, prefix: str, depth: int) -> Iterator
         key = f"{prefix}{name}"
         within = isinstance(group.get(name, getlink=True), h5py.HardLink) and isinstance(group[name], h5py.Group)
         if within and depth < _DEEPEST and len(group[name]):
-            yield from _entries(path, group[name], f"{key}/", depth + 1)
+            yield from _entries(path, group[name], f"{key}/", depth + 1, is_julia)
         else:
-            yield key, _entry73(path, group, name, key)
+            yield key, _entry73(path, group, name, key, is_julia)
 
 
-def _is_reversed(node: h5py.Dataset) -> bool:
+def _is_reversed(node: h5py.Dataset, is_julia: bool) -> bool:
     """Tell whether an array's axes stand in MATLAB's order: MATLAB says its class, Octave marks the group about it."""
-    return _CLASS in node.attrs or _RHDF5 in node.attrs or _OCTAVE in node.parent.attrs or _begins_as_julia(node.file)
+    return is_julia or _CLASS in node.attrs or _RHDF5 in node.attrs or _OCTAVE in node.parent.attrs
 
 
-def _begins_as_julia(file: h5py.File) -> bool:
-    with Path(file.filename).open("rb") as stream:
+def _begins_as_julia(path: Path) -> bool:
+    with path.open("rb") as stream:
         return stream.read(32).startswith(_JULIA)
 
 
-def _entry73(path: Path, group: h5py.Group, name: str, key: str) -> ArrayEntry:
+def _entry73(path: Path, group: h5py.Group, name: str, key: str, is_julia: bool) -> ArrayEntry:
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         return ArrayEntry((), "a link")
     node = group[name]
     if not isinstance(node, h5py.Dataset):
         return ArrayEntry((), "a MATLAB struct")
     shape = tuple(node.shape or ())
-    if _is_reversed(node):
+    if _is_reversed(node, is_julia):
         shape = shape[::-1]
     if node.is_virtual or node.external:
         return ArrayEntry(shape, "a link")
@@ -109,14 +127,19 @@ def _entry73(path: Path, group: h5py.Group, name: str, key: str) -> ArrayEntry:
     return ArrayEntry(shape, "number")
 
 
-def _load73(path: Path, key: str) -> NDArray[Any]:
+def _load73(path: Path, key: str, is_julia: bool) -> NDArray[Any]:
     with h5py.File(path, "r") as file:
         node = file[key]
         values, kind = np.asarray(node[()]), node.attrs.get(_CLASS)
-        values = values.T if _is_reversed(node) else values
+        values = values.T if _is_reversed(node, is_julia) else values
         if kind == b"char":
             return np.asarray("".join(map(chr, values.reshape(-1))))
-        factor, offset, fill = (np.ravel(node.attrs.get(name, usual))[0] for name, usual in _PACKED.items())
-    if factor != 1 or offset != 0:
-        return np.where(values == fill, np.nan, values * float(factor) + float(offset))
+        factor, offset = (float(np.ravel(node.attrs.get(name, usual))[0]) for name, usual in _PACKED.items())
+        missing = (values != 0) & np.isin(
+            values, [np.ravel(node.attrs[name])[0] for name in _MISSING if name in node.attrs]
+        )
+        if values.dtype.kind == "i" and node.attrs.get("_Unsigned") in ("true", b"true"):
+            values = values.view(f"{values.dtype.byteorder}u{values.dtype.itemsize}")
+    if missing.any() or factor != 1 or offset != 0:
+        return np.where(missing, np.nan, values * factor + offset)
     return values.astype(values.dtype.newbyteorder("="), copy=False)

@@ -99,13 +99,14 @@ def open_foreign(path: Path) -> Container:
     if is_picture(start):
         return read_pictures(path)
     _refuse_by_name(path, start)
-    if is_numbers(start):
+    if is_numbers(start, path.suffix):
         return read_text(path)
     raise InputError(
         f"{path}: {'empty' if not start else 'its content is of no known format'}",
         allowed=_FORMATS,
-        remedy="save it in one of these; raw numbers, in Python: np.save('FILE.npy', np.fromfile(PATH, '<u2')"
-        ".reshape(H, W)); pixels that are packed to 12 bits, 1.5 bytes each, have to be unpacked first",
+        remedy="save it in one of these by a program that reads it; if it holds pixels alone, without a header, in "
+        "Python: np.save('FILE.npy', np.fromfile(PATH, '<u2').reshape(H, W)); pixels that are packed to 12 bits, 1.5 "
+        "bytes each, have to be unpacked first",
     )
 
 

@@ -34,7 +34,7 @@ class ImportOptions:
         intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels; or a file of it (`camera_files`, or one array).
         focal_px: Focal length in pixels, principal point at the centre.
         distortion: Of the lens, OpenCV's k1 k2 p1 p2 k3.
-        world_to_camera: True poses, [N, 4, 4], for scoring only.
+        world_to_camera: True poses, [N, 4, 4], or a file of them (`stage_log`), for scoring only.
         truth: True views, for scoring only.
         stage: Log of the stage (`stage_log`): one position for each mask.
         stage_axes: Which way the camera goes as x, y and z of the log grow.
@@ -64,7 +64,7 @@ class ImportOptions:
     intrinsics: Array | Path | None = None
     focal_px: float | None = None
     distortion: Array | None = None
-    world_to_camera: Array | None = None
+    world_to_camera: Array | Path | None = None
     truth: Array | None = None
     stage: Path | None = None
     stage_axes: tuple[str, ...] = USUAL_WAYS

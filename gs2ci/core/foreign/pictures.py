@@ -137,8 +137,9 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
     with damage_as_input_error(str(file)), _silence(cv2.utils.logging):
         stored = np.fromfile(file, np.uint8)
         layouts = tiff.layouts(stored.data)
-        for layout in layouts:
-            tiff.refuse(file, layout)
+        kept = tiff.whole(file, layouts)
+        for number in kept:
+            tiff.refuse(file, layouts[number])
         found, pages = cv2.imdecodemulti(stored, cv2.IMREAD_UNCHANGED)
         if not found or not all(math.prod(page.shape) for page in pages):
             raise InputError(f"{file}: no picture can be read in it", remedy="save it again as PNG or TIFF")
@@ -157,8 +158,11 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
                 allowed="a TIFF that lists every page",
                 remedy="save it as single pictures in a folder, as .npy, or page by page (tifffile: truncate=False)",
             )
-        read = [np.asarray(page) for page in pages]
         notes: set[str] = set()
+        if layouts and len(kept) < len(layouts):
+            notes.add(f"{len(layouts) - len(kept)} reduced copies among its pages: left out")
+            pages, layouts = [pages[number] for number in kept], [layouts[number] for number in kept]
+        read = [np.asarray(page) for page in pages]
         for number, (layout, is_boolean) in enumerate(zip(layouts, tiff.booleans(stored.data, layouts), strict=True)):
             tiff.check(file, read[number], layout)
             read[number] = tiff.as_stored(file, read[number], layout, is_boolean=is_boolean)

@@ -29,9 +29,9 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "measurement": ("meas", "measurement", "measurements", "meas_bayer", "snapshot", "coded", "y"),
     "masks": ("masks", "mask", "mask_bayer", "phi", "patterns", "codes"),
     "truth": ("truth", "orig", "ground_truth", "groundtruth", "gt", "views", "orig_bayer"),
-    "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix", "mtx", "cameramatrix"),
+    "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix", "mtx", "cameramatrix", "kk"),
     "focal": ("focal_px", "focal"),
-    "distortion": ("distortion", "dist", "dist_coeffs", "distcoeffs", "distortion_coefficients"),
+    "distortion": ("distortion", "dist", "dist_coeffs", "distcoeffs", "distortion_coefficients", "kc"),
     "world_to_camera": ("world_to_camera", "w2c", "extrinsics"),
     "camera_to_world": ("camera_to_world", "c2w"),
     "telemetry": ("telemetry_world_to_camera",),
@@ -40,6 +40,8 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "white": ("white", "whites", "white_frame", "flat", "flats", "flat_field", "flatfield", "white_field"),
     "dark": ("dark", "darks", "dark_frame", "dark_field", "darkfield", "black", "background", "bias"),
 }
+CODED: Final = "np.einsum('nhw,nhw->hw', masks, views)"
+"""How true views, which benchmarks hold alone, become a measurement."""
 _FLAGS: Final[dict[Role, str]] = {"measurement": "--meas-key", "masks": "--mask-key", "truth": "--truth-key"}
 
 
@@ -148,7 +150,8 @@ def require_key(
         f"{container.path}: no key for the {role}; {container.listing()}",
         allowed=f"one of {', '.join(ALIASES[role])}",
         remedy=f"name the key with {_FLAGS[role]}"
-        + (", or give the masks as a second file" if role == "masks" else ""),
+        + (", or give the masks as a second file" if role == "masks" else "")
+        + (f"; of true views alone: {CODED}" if role == "measurement" else ""),
     )
 
 

@@ -15,31 +15,36 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import rigid
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign import roles
 from gs2ci.core.foreign.camera import TRAJECTORIES, pose_stacks, trajectory
 from gs2ci.core.foreign.camera_files import is_camera_file, read_poses
-from gs2ci.core.foreign.container import Array
-from gs2ci.core.foreign.opening import load_single
-from gs2ci.core.foreign.text import Table, table
+from gs2ci.core.foreign.container import Array, damage_as_input_error
+from gs2ci.core.foreign.opening import load_single, open_foreign
+from gs2ci.core.foreign.text import ENDINGS, Table, table
 
 Way = Literal["right", "left", "down", "up", "ahead", "back"]
 USUAL_WAYS: Final[tuple[Way, Way, Way]] = ("right", "down", "ahead")
 """OpenCV's axes of a camera."""
-_ENDINGS: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
-_MM: Final = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
+_MM: Final = {"m": 1e3, "cm": 10.0, "in": 25.4, "inch": 25.4, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
 _AXES: Final = "xyz"
+_POSES: Final[tuple[roles.Role, ...]] = ("telemetry", "world_to_camera", "camera_to_world")
 # What may stand beside the axis and the unit in the name of a column: stage_x_mm, PosX (mm), X Position [mm].
-_POSITIONS: Final = {"position", "pos", "stage", "axis", "actual"}
+_POSITIONS: Final = {"position", "pos", "stage", "axis", "actual", "camera", "cam", "encoder"}
 # Columns that turn the camera; a log that has them is not read without them.
 _TURNS: Final = re.compile(
-    r"(?<![a-z])(?:yaw|pitch|roll|tilt|angle|theta|phi|psi|omega|kappa|heading|azimuth|elevation|rot|quat|q[wxyz]"
+    r"(?<![a-z])(?:yaw|pitch|roll|tilt|angle|theta|phi|psi|omega|kappa|heading|azimuth|elevation|rot|quat|[qo][wxyz]"
     r"|r[xyz]|[rm]\d[012])"
 )
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 # How hexapods (PI) and robots (Kuka) name the angles beside x, y, z.
 _LETTERS: Final = ({"u", "v", "w"}, {"a", "b", "c"})
-# The columns of a trajectory in TUM's order, and how others name them: tx, pos_x, quat_x, p_RS_R_x [m], q_RS_w [].
+# The columns of a trajectory in TUM's order, and how others name them: tx, pos_x, quat_x, p_RS_R_x [m], q_RS_w [],
+# .pose.orientation.w and /pose/pose/position/x (exports of ROS's messages).
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_IN_POSE: Final = re.compile(r"(?:(q)(?:uat[a-z]*)?|t|p|pos|position|)(?:_(?:\w+_)?)?([wxyz])\s*(?:\[.*\])?")
+_IN_POSE: Final = re.compile(
+    r"(?:.*?[./])??(?:(q(?:uat[a-z]*)?|o(?:rientation)?|r(?:ot(?:ation)?)?)|t|p|pos|position|translation|)"
+    r"(?:[_./ ](?:\w+_)?)?([wxyz])\s*(?:\[.*\])?"
+)
 _WORD: Final = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
 _HOW: Final = "one row for each mask, in the order of exposure, under a first row of names: x_mm, y_mm, z_mm"
 
@@ -58,24 +63,46 @@ def stage_poses(path: Path, ways: Sequence[str], guesses: list[str]) -> Array:
             are not three at right angles.
     """
     axes = _axes(ways)
-    if path.suffix.lower() in _ENDINGS and not is_camera_file(path):
+    poses = poses_in(path, guesses)
+    if poses is None:
+        return _straight(path, _positions(path, guesses), ways, axes, guesses)
+    if tuple(ways) != USUAL_WAYS:
+        raise InputError(f"--stage-axes with {path}, which holds poses", remedy="leave --stage-axes out")
+    return poses
+
+
+def poses_in(path: Path, guesses: list[str]) -> Array | None:
+    """Return the world-to-camera poses, [R, 4, 4], that a file of any kind holds; None: it may hold positions.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    if is_camera_file(path):
+        guesses.append(f"{path.name}: poses in the order of the numbers in the pictures' names")
+        return Array(str(path), read_poses(path))
+    inverse = False
+    if _is_text(path):
         read = table(path, _HOW)
-        poses = _turning(path, read, guesses)
-        places = _positions(path, read, guesses) if poses is None else np.empty((0, 3))
+        if (found := _trajectory(path, read, guesses)) is not None:
+            return found
+        given = Array(str(path), read.columns)
     else:
-        given = Array(str(path), read_poses(path)) if is_camera_file(path) else load_single(path)
-        if is_camera_file(path):
-            guesses.append(f"{path.name}: poses of the stage, in the order of the numbers in the pictures' names")
-        values = np.asarray(given.values, np.float64)
-        matrices = pose_stacks(values)
-        poses = Array(given.where, matrices[0][0]) if matrices and len(matrices[0][0]) > 1 else None
-        places = values.reshape(-1, 1) if values.ndim == 1 else values
-        places = places.T if len(places) == len(_AXES) and places.shape[1] not in (1, len(_AXES)) else places
-    if poses is not None:
-        if tuple(ways) != USUAL_WAYS:
-            raise InputError(f"--stage-axes with {path}, which holds poses", remedy="leave --stage-axes out")
-        return poses
-    return _straight(path, places, ways, axes, guesses)
+        held = open_foreign(path)
+        keys = {role: key for role in _POSES if (key := roles.key_of(held, role, None, guesses)) is not None}
+        role, key = next(iter(keys.items()), (None, None))
+        given = load_single(path) if key is None else held.load(key)
+        inverse = role == "camera_to_world"
+    matrices = pose_stacks(np.asarray(given.values, np.float64))
+    if not matrices or len(matrices[0][0]) < 2:
+        return None
+    told = "camera-to-world, inverted" if inverse else "taken for world-to-camera"
+    guesses.append(f"{given.where}: poses of OpenCV's axes (x right, y down, z ahead), {told}")
+    with damage_as_input_error(given.where):
+        return Array(given.where, np.linalg.inv(matrices[0][0]) if inverse else matrices[0][0])
+
+
+def _is_text(path: Path) -> bool:
+    return path.suffix.lower() in ENDINGS
 
 
 def _straight(path: Path, places: F64, ways: Sequence[str], axes: F64, guesses: list[str]) -> Array:
@@ -112,12 +139,14 @@ def _axes(ways: Sequence[str]) -> F64:
     return axes
 
 
-def _turning(path: Path, read: Table, guesses: list[str]) -> Array | None:
+def _trajectory(path: Path, read: Table, guesses: list[str]) -> Array | None:
     """Return the poses of a trajectory in a form of others; None: a table of positions."""
     columns = read.columns
     if read.names:
         # In whatever order they stand: TUM has w last, EuRoC and COLMAP first.
-        parts = [match and (match[1] or "") + match[2] for match in map(_IN_POSE.fullmatch, map(str.lower, read.names))]
+        parts = [
+            match and "q" * bool(match[1]) + match[2] for match in map(_IN_POSE.fullmatch, map(str.lower, read.names))
+        ]
         if any(parts.count(part) != 1 for part in _POSE):
             return None
         columns = np.insert(columns[:, [parts.index(part) for part in _POSE]], 0, 0.0, axis=1)
@@ -126,9 +155,16 @@ def _turning(path: Path, read: Table, guesses: list[str]) -> Array | None:
     return Array(str(path), trajectory(str(path), columns, guesses))
 
 
-def _positions(path: Path, read: Table, guesses: list[str]) -> F64:
-    """Return the positions of a text file, [R, 1] or [R, 3], in mm if it names a unit."""
-    return _by_name(path, read.names, read.columns, guesses) if read.names else _unnamed(path, read.columns, guesses)
+def _positions(path: Path, guesses: list[str]) -> F64:
+    """Return the positions of a file, [R, 1] or [R, 3], in mm if it names a unit."""
+    if _is_text(path):
+        read = table(path, _HOW)
+        return (
+            _by_name(path, read.names, read.columns, guesses) if read.names else _unnamed(path, read.columns, guesses)
+        )
+    values = np.asarray(load_single(path).values, np.float64)
+    places = values.reshape(-1, 1) if values.ndim == 1 else values
+    return places.T if len(places) == len(_AXES) and places.shape[1] not in (1, len(_AXES)) else places
 
 
 def _unnamed(path: Path, columns: F64, guesses: list[str]) -> F64:

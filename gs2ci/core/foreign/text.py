@@ -17,6 +17,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import ArrayEntry, Container, check_bytes, damage_as_input_error
 
+ENDINGS: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
 # A number can begin with these; a file of another beginning is no table without names.
 _BEGINNINGS: Final = frozenset(b'0123456789+-.#,;"')
 # Where columns are counted from; poses have at most so many numbers a row, of which the first may count, too.
@@ -27,16 +28,23 @@ _UTF16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of numbers, and the names of their columns, which may be none."""
+    """Rows of numbers, NaN in columns of text, and the names of the columns, which may be none.
+
+    Args:
+        names: By column.
+        columns: [R, C].
+        is_headed: The names are the first row, and no remark.
+    """
 
     names: list[str]
     columns: F64
+    is_headed: bool
 
 
-def is_numbers(start: bytes) -> bool:
-    """Tell whether a file that begins so may be a text of numbers."""
+def is_numbers(start: bytes, ending: str) -> bool:
+    """Tell whether a file that begins so may be a text of numbers; one of such an ending may begin with names."""
     text = start.removeprefix(codecs.BOM_UTF8).lstrip()
-    return text[:1] != b"" and text[0] in _BEGINNINGS and b"\0" not in text
+    return text[:1] != b"" and (text[0] in _BEGINNINGS or ending.lower() in ENDINGS) and b"\0" not in text
 
 
 def read_text(path: Path) -> Container:
@@ -47,23 +55,36 @@ def read_text(path: Path) -> Container:
     """
     stored_bytes = path.stat().st_size
     check_bytes(str(path), (stored_bytes,), 1, stored_bytes, 1)
-    columns, note = _without_labels(table(path, "rows of as many numbers each, without names"))
+    columns, note = _without_labels(path, table(path, "rows of as many numbers each, without names"))
     values = columns[:, 0] if columns.shape[1] == 1 else columns
     return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda _: values, note)
 
 
-def _without_labels(read: Table) -> tuple[F64, str]:
-    """Leave out what only numbers rows and columns, as pandas and R write them; and say so."""
-    rows, columns = read.columns.shape
-    if len(read.names) > 1 and not read.names[0].strip():
-        return read.columns[:, 1:], "names of columns, and a first column without one, which names rows: left out"
-    if (
-        rows > 1
-        and columns > _MOST_IN_A_POSE
-        and any((read.columns[0] == np.arange(k, columns + k)).all() for k in _FROM)
-    ):
-        return read.columns[1:], "a first row that counts the columns: left out"
-    return read.columns, ""
+def _without_labels(path: Path, read: Table) -> tuple[F64, str]:
+    """Leave out what only numbers rows and columns, as data frames are written; and say so.
+
+    Raises:
+        InputError: A few columns with names: what they hold is not asked for here.
+    """
+    columns, left_out = read.columns, []
+    texts = np.array([bool(read.names) and bool(np.isnan(column).all()) for column in columns.T])
+    if texts.any():
+        columns, left_out = columns[:, ~texts], ["columns of text"]
+    if len(read.names) > 1 and not read.names[0].strip() and not texts[0]:
+        columns, left_out = columns[:, 1:], [*left_out, "names of columns, and a first column without one"]
+    if columns.shape[1] > _MOST_IN_A_POSE:
+        for axis, told in ((0, "a first row that counts the columns"), (1, "a first column that counts the rows")):
+            first: F64 = columns[:, 0] if axis else columns[0]
+            if len(columns) > 1 and any((first == np.arange(k, len(first) + k)).all() for k in _FROM):
+                columns, left_out = np.delete(columns, 0, axis=axis), [*left_out, told]
+    elif read.is_headed and not left_out:
+        raise InputError(
+            f"{path}: columns named {', '.join(read.names)}",
+            allowed="an array of numbers without names",
+            remedy="take the names away, if the columns stand in the order that is asked for",
+        )
+    left_out = left_out or ["names of columns"] * read.is_headed
+    return columns, ", ".join(left_out) + ": left out" if left_out else ""
 
 
 def table(path: Path, allowed: str) -> Table:
@@ -88,12 +109,13 @@ def table(path: Path, allowed: str) -> Table:
     rows = [_split(line, mark) for line in unmarked]
     # A tab before the names stands for the column of rows' names, which has none.
     lacks_one = len(rows) > 1 and len(rows[0]) == len(rows[1]) - 1 and stored[0].lstrip(" ").startswith("\t")
-    if _numbers(rows[0], mark) is None or lacks_one:
+    if is_headed := _numbers(rows[0], mark) is None or lacks_one:
         names, rows = [""] * lacks_one + [name.strip() for name in rows[0]], rows[1:]
     elif lines[0].startswith("#"):  # as numpy.savetxt writes a header
         said = next(csv.reader([lines[0].lstrip("# ")], delimiter=mark or " "))
-        names = said if len(said) == len(rows[0]) else []
-    values = [_numbers(row, mark) for row in rows]
+        names = [name.strip() for name in said] if len(said) == len(rows[0]) else []
+    texts = _texts(names, rows, mark)
+    values = [_numbers(["nan" if k in texts else one for k, one in enumerate(row)], mark) for row in rows]
     for number, row in enumerate(values, 1):
         if row is None or len(row) != len(values[0] or ()):
             raise InputError(f"{path}: row {number} is no row of numbers like the others", allowed=allowed)
@@ -102,7 +124,16 @@ def table(path: Path, allowed: str) -> Table:
     columns = np.array(values, np.float64)
     if names and len(names) != columns.shape[1]:
         raise InputError(f"{path}: {len(names)} names for {columns.shape[1]} columns", allowed=allowed)
-    return Table(names, columns)
+    return Table(names, columns, is_headed)
+
+
+def _texts(names: list[str], rows: list[list[str]], mark: str | None) -> set[int]:
+    """Return which named columns hold no number: names of pictures and of frames, dates; or a row without names did."""
+    texts = {k for k in range(len(names)) if all(_numbers(row[k : k + 1], mark) is None for row in rows)}
+    is_row = bool(names and names[0]) and any(
+        _numbers([name], mark) is not None for k, name in enumerate(names) if k not in texts
+    )
+    return set() if is_row else texts
 
 
 def _decoded(stored: bytes) -> str:

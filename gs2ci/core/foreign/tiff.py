@@ -27,9 +27,9 @@ KINDS: Final = {
 _COUNT: Final = re.compile(rb"ImageJ=[^\0]*?\simages=(\d+)|\{\"shape\": \[([\d, ]+)\]")
 # ImageJ keeps signed numbers of 16 bits as such without a sign, and a calibration that says so.
 SIGNED: Final = re.compile(rb"ImageJ=[^\0]*?\sc0=-32768[.\d]*\s+c1=1(?:\.0*)?\s")
-# Numbers of tags (TIFF 6.0; DNG 1.4 for the last): bits per number, compression, 0 as white or black, orientation,
-# colours side by side (1) or in planes (2), kind of number, version of DNG.
-BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, KIND, DNG = TAGS = (258, 259, 262, 274, 284, 339, 50706)
+# Numbers of tags (TIFF 6.0; DNG 1.4 for the last): kind of page (odd: a reduced copy), bits per number, compression, 0
+# as white or black, orientation, colours side by side (1) or in planes (2), kind of number, version of DNG.
+PAGE, BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, KIND, DNG = TAGS = 254, 258, 259, 262, 274, 284, 339, 50706
 _SHORT: Final = 3
 _ALLOWED: Final = "a TIFF of 8 to 16 bits, whole numbers of 32 or floating point of 32 or 64, lossless"
 _PLAIN: Final = "save it again as 16-bit TIFF or PNG"
@@ -112,6 +112,15 @@ def described(stored: memoryview, page_size: int) -> int:
     return int(images) if images else math.prod(int(side) for side in shape.split(b",")) // page_size
 
 
+def _of_a_camera(file: Path) -> InputError:
+    return InputError(
+        f"{file}: a DNG or another raw file of a camera, which is not read",
+        allowed=_ALLOWED,
+        remedy="convert it without development: `dcraw -4 -D -T FILE` (or unprocessed_raw -T of LibRaw), and say "
+        "--cfa and --offset, its black level",
+    )
+
+
 def refuse(file: Path, layout: Mapping[int, int]) -> None:
     """Refuse, before it is decoded, what OpenCV decodes to other numbers or not at all.
 
@@ -120,12 +129,7 @@ def refuse(file: Path, layout: Mapping[int, int]) -> None:
     """
     photometric = _PHOTOMETRICS.get(layout.get(PHOTOMETRIC, 1))
     if DNG in layout or layout.get(PHOTOMETRIC) in (32803, 34892):
-        raise InputError(
-            f"{file}: a DNG or another raw file of a camera, which is not read",
-            allowed=_ALLOWED,
-            remedy="convert it without development: `dcraw -4 -D -T FILE` (or unprocessed_raw -T of LibRaw), and say "
-            "--cfa and --offset, its black level",
-        )
+        raise _of_a_camera(file)
     words = _COMPRESSIONS.get(layout.get(COMPRESSION, 1)) or photometric
     if words is None and layout.get(BITS, 1) in (2, 3, 4, 5, 6, 7):
         words = f"of {layout[BITS]} bits"
@@ -133,6 +137,18 @@ def refuse(file: Path, layout: Mapping[int, int]) -> None:
         words = f"of floating point of {layout[BITS]} bits"
     if words is not None:
         raise InputError(f"{file}: a TIFF, {words}", allowed=_ALLOWED, remedy=_PLAIN)
+
+
+def whole(file: Path, layouts: list[dict[int, int]]) -> list[int]:
+    """Return the numbers of the pages that are no reduced copies.
+
+    Raises:
+        InputError: All are, as in a camera's raw file, which keeps its picture beside the list of pages.
+    """
+    kept = [number for number, layout in enumerate(layouts) if not layout.get(PAGE, 0) & 1]
+    if layouts and not kept:
+        raise _of_a_camera(file)
+    return kept
 
 
 def check(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> None:

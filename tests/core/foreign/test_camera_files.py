@@ -330,6 +330,10 @@ OTHERS = {
     "CameraInfo of ROS 1": MESSAGE.replace("\nd:", "\nD:").replace("\nk:", "\nK:").replace("\nr:", "\nR:"),
     "Kalibr": "cam0:\n  camera_model: pinhole\n  distortion_coeffs: {lens}\n  distortion_model: radtan\n"
     "  intrinsics: [{0}, {1}, {2}, {3}]\n  resolution: [{w}, {h}]\n",
+    "Kalibr with poses": "cam0:\n  T_cam_imu:\n  - [1.0, 0.0, 0.0,\n    0.0]\n  - [0.0, 1.0, 0.0, 0.0]\n"
+    "  distortion_coeffs: {lens}\n  intrinsics: [{0}, {1}, {2}, {3}]\n  resolution: [{w}, {h}]\n",
+    "PyYAML": "camera_matrix:\n- - {0}\n  - 0.0\n  - {2}\n- - 0.0\n  - {1}\n  - {3}\n- - 0.0\n  - 0.0\n  - 1.0\n"
+    "dist_coeff: {lens}\nimage_width: {w}\nimage_height: {h}\n",
     "EuRoC": "T_BS:\n  cols: 4\n  rows: 1\n  data: [1.0, 0.0, 0.0, 0.0]\nresolution: [{w}, {h}]\n"
     "intrinsics: [{0}, {1}, {2}, {3}]\ndistortion_model: radial-tangential\ndistortion_coefficients: {lens}\n",
 }
@@ -352,6 +356,9 @@ def test_a_calibration_as_json_is_read(tmp_path):
     found = read_calibration(path, SIZE)
     np.testing.assert_allclose(found.intrinsics - CAMERA, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
     assert found.distortion[0] == 0.1
+    # Open3D's, by columns.
+    path.write_text(json.dumps({"width": SIZE[1], "height": SIZE[0], "intrinsic_matrix": CAMERA.T.ravel().tolist()}))
+    assert np.array_equal(read_calibration(path, SIZE).intrinsics, found.intrinsics)
 
 
 def test_calibrations_that_are_none_of_one_camera_are_refused(tmp_path):
@@ -378,6 +385,14 @@ def test_poses_need_no_size_and_a_calibration_has_none(tmp_path):
     np.testing.assert_allclose(read_poses(tmp_path / "cameras.bin"), poses(12), atol=1e-12)
     with pytest.raises(InputError, match="holds no poses; allowed: the folder of a COLMAP model"):
         read_poses(ros(tmp_path))
+
+
+@pytest.mark.parametrize("within", ["sparse/0", "0", "sparse"])
+def test_the_folder_of_a_colmap_project_is_as_good_as_its_models(tmp_path, within):
+    """`gs2ci export --to colmap` writes such a one, and it was "not a COLMAP model"."""
+    (tmp_path / within).mkdir(parents=True)
+    write_colmap_model(tmp_path / within, poses(3), CAMERA, SIZE, points=np.zeros((0, 3)), colors=np.zeros((0, 3)))
+    np.testing.assert_allclose(read_poses(tmp_path), poses(3), atol=1e-12)
 
 
 def test_a_shot_takes_camera_lens_and_poses_from_files(tmp_path):
@@ -434,3 +449,32 @@ def test_the_arrays_of_opencvs_tutorial_are_camera_and_lens(tmp_path, apart):
     (shot,) = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.npz" if apart else None).shots
     np.testing.assert_allclose(shot.intrinsics, CAMERA)
     assert shot.distortion.tolist() == [0.1, 0, 0, 0.01, 0]
+
+
+def test_what_no_lens_and_no_camera_of_that_size_has_is_doubted(tmp_path):
+    """A fisheye's k1 k2 k3 k4, which OpenCV saves as D beside K, came as k1 k2 p1 p2; twice the size as it was."""
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "shot.npz", meas=rng.random((*SIZE, 3)), masks=rng.random((12, *SIZE)) < 0.5)
+    for lens, camera, doubts in (
+        ((-0.2, 0.05, 0.001, -0.002), CAMERA, []),
+        ((-0.05, 0.03, -0.04, 0.02), CAMERA, ["p1 and p2 are unusually large"]),
+        ((-0.2, 0.05, 0.001, -0.002), np.diag([0.5, 0.5, 1]) @ CAMERA, ["lies far from the middle"]),
+    ):
+        known = {"intrinsics": opencv(tmp_path, "yml", K=camera, D=np.array(lens)[:, None])}
+        told = [one for one in import_file(tmp_path / "shot.npz", **known).guesses if one.startswith("WARNING: ")]
+        told = [one for one in told if "p1" in one or "principal" in one]
+        assert [doubt in one for doubt, one in zip(doubts, told, strict=True)] == [True] * len(doubts)
+
+
+def test_a_lens_under_a_name_that_is_not_known_is_told(tmp_path):
+    """It was left out without a word. Bouguet's toolbox has KK and kc, with pixel centres at whole numbers."""
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "shot.npz", meas=rng.random((*SIZE, 3)), masks=rng.random((12, *SIZE)) < 0.5)
+    np.savez(tmp_path / "camera.npz", K=CAMERA, bent=[0.1, 0, 0, 0.01])
+    imported = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.npz")
+    assert imported.shots[0].distortion is None
+    assert any("no lens under a known name; not used: 'bent' [4]" in one for one in imported.guesses)
+    np.savez(tmp_path / "camera.npz", KK=CAMERA, kc=[[0.1], [0], [0], [0.01], [0]], fc=[[1.0], [1.0]])
+    (shot,) = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.npz").shots
+    assert shot.distortion.tolist() == [0.1, 0, 0, 0.01, 0]
+    np.testing.assert_allclose(shot.intrinsics - CAMERA, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])

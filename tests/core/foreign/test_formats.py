@@ -87,6 +87,38 @@ def test_hdf5_files_of_other_programs_keep_their_axes(tmp_path, scene, said):
     assert not said(import_shots(tmp_path / "file.mat", None, ImportOptions()), "without MATLAB's classes")
 
 
+def test_hdf5_without_a_mark_whose_pictures_stand_upright_is_doubted(tmp_path, scene):
+    """So come those of MATLAB's h5write and of HDF5.jl, transposed, from a sensor that is wider than high."""
+    made = scene(channels=1)
+    meas, masks = made.meas[..., 0], made.masks
+    for name, kept, counted in (("numpy", (meas, masks), False), ("h5write", (meas.T, masks.transpose(0, 2, 1)), True)):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file["meas"], file["masks"] = kept
+            file["w2c"] = np.tile(np.eye(4), (len(masks), 1, 1))
+        told = import_shots(tmp_path / f"{name}.h5", None, ImportOptions()).guesses
+        rows, columns = sorted(meas.shape, reverse=counted)
+        doubts = [one for one in told if one.startswith("WARNING") and "h5write" in one]
+        assert [f"{rows} pixels high and {columns} wide" in one for one in doubts] == [True] * counted
+
+
+def test_the_missing_values_and_the_signs_of_netcdf_are_its_own(tmp_path, scene):
+    """netCDF4 1.7.5: a masked pixel was read as 65535; counts above 32767, kept in signed integers, as less than 0."""
+    made = scene(channels=1)
+    meas = np.rint(40000 * made.meas[..., 0] / made.meas.max()).astype(np.uint16)
+    with h5py.File(tmp_path / "file.nc", "w") as file:
+        file["masks"], file["meas"] = made.masks, meas.view(np.int16)
+        file["meas"].attrs["_Unsigned"] = "true"
+    (shot,) = import_shots(tmp_path / "file.nc", None, ImportOptions(scale=1.0)).shots
+    assert np.array_equal(shot.measurement[..., 0], meas)
+    missing = meas.copy()
+    missing[3, 4] = 65535
+    with h5py.File(tmp_path / "file.nc", "w") as file:
+        file["masks"], file["meas"] = made.masks, missing
+        file["meas"].attrs["_FillValue"] = np.array([65535], np.uint16)
+    with pytest.raises(InputError, match=r"1 pixels are NaN.*row 3, column 4"):
+        import_shots(tmp_path / "file.nc", None, ImportOptions())
+
+
 @pytest.mark.parametrize("program", ["rhdf5", "JLD2"])
 def test_hdf5_files_of_r_and_julia_have_the_axes_that_are_counted_there(tmp_path, scene, said, program):
     """rhdf5 marks its arrays, JLD2 0.4 begins its files with its name; both were read with rows for columns."""

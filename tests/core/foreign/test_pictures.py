@@ -34,7 +34,7 @@ def test_a_frame_and_a_folder_of_masks_are_a_measurement_in_the_order_of_their_n
     (shot,) = imported.shots
     assert np.array_equal(shot.masks, made.masks)
     assert np.abs(shot.measurement - made.meas).max() < 1 / 4095
-    assert said(imported, "masks: 12 pictures, mask0.png to mask11.png")
+    assert said(imported, f"{folder}: 12 pictures, mask0.png to mask11.png")
 
 
 @pytest.mark.parametrize("content", [b"", b"\0" * 100, b"GIF89a"])
@@ -105,6 +105,23 @@ def test_pages_of_one_file_that_do_not_go_together_are_refused_by_number(tmp_pat
     cv2.imwritemulti(str(tmp_path / "m.tif"), pages)
     with pytest.raises(InputError, match=rf"m\.tif, page {place + 1}: 6 x .*, but m\.tif has 6 x 8 pixels of uint8"):
         open_foreign(tmp_path / "m.tif")
+
+
+def test_reduced_copies_among_the_pages_are_left_out(tmp_path):
+    """A first page of another size was refused; a camera's raw file has no other in its list, and that one was read."""
+    masks = (np.random.default_rng(0).random((3, 16, 24)) < 0.5) * np.uint8(255)
+    with tifffile.TiffWriter(tmp_path / "stack.tif") as file:
+        file.write(masks[0, ::4, ::4], subfiletype=1)
+        for mask in masks:
+            file.write(mask, photometric="minisblack")
+    found = open_foreign(tmp_path / "stack.tif")
+    assert np.array_equal(found.load("").values, masks)
+    assert "1 reduced copies among its pages: left out" in found.note
+    with tifffile.TiffWriter(tmp_path / "raw.nef") as file:
+        file.write(masks[0, ::4, ::4], subfiletype=1, subifds=1)
+        file.write(masks[0].astype(np.uint16), photometric=32803)
+    with pytest.raises(InputError, match=r"another raw file of a camera.*dcraw"):
+        open_foreign(tmp_path / "raw.nef")
 
 
 def tiff(pages, order, *, big, pictures_first):

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.core.foreign.stage_log import USUAL_WAYS, stage_poses
 
@@ -140,6 +141,82 @@ def test_poses_are_read_in_every_order_of_axes(tmp_path, form):
     assert np.array_equal(stage_poses(tmp_path / "poses.npy", USUAL_WAYS, []).values, poses)
 
 
+CENTRES = np.random.default_rng(1).normal(size=(4, 3))
+TURNS = Rotation.from_rotvec(np.random.default_rng(2).normal(size=(4, 3)))
+OTHERS = {
+    "EuRoC": "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_x",
+    "rosbag": "time,.header.stamp,.header.frame_id,.pose.position.x,.pose.position.y,.pose.position.z,"
+    ".pose.orientation.w,.pose.orientation.x,.pose.orientation.y,.pose.orientation.z",
+    "PlotJuggler": "__time,/odom/pose/pose/position/x,/odom/pose/pose/position/y,/odom/pose/pose/position/z,"
+    "/odom/pose/pose/orientation/w,/odom/pose/pose/orientation/x,/odom/pose/pose/orientation/y,"
+    "/odom/pose/pose/orientation/z",
+    "ZED": "timestamp,tx,ty,tz,ow,ox,oy,oz",
+    "Motive": "Time (Seconds),Position X,Position Y,Position Z,Rotation W,Rotation X,Rotation Y,Rotation Z",
+    "tf": "t,transform.translation.x,transform.translation.y,transform.translation.z,transform.rotation.w,"
+    "transform.rotation.x,transform.rotation.y,transform.rotation.z",
+}
+
+
+@pytest.mark.parametrize("program", OTHERS)
+def test_trajectories_of_other_programs_are_read_by_the_names_of_their_columns(tmp_path, program):
+    """Refused: EuRoC's names begin with blanks, ROS's have points, slashes, a column of text; ZED's did not turn."""
+    numbers = np.c_[CENTRES, TURNS.as_quat(scalar_first=True)]
+    rows = [",".join(f"{value:.12g}" for value in row) for row in numbers]
+    before, after = {"rosbag": ("2026/11/30 10:00:00,{},map,", ""), "EuRoC": ("{},", ",0.5")}.get(program, ("{},", ""))
+    text = "\n".join([OTHERS[program], *(before.format(k) + row + after for k, row in enumerate(rows))])
+    given = stage_poses(log(tmp_path, text), USUAL_WAYS, []).values
+    assert np.allclose(np.linalg.inv(given)[:, :3, 3], CENTRES)
+    assert np.allclose(np.linalg.inv(given)[:, :3, :3], TURNS.as_matrix())
+
+
+def test_an_array_of_poses_is_of_the_direction_that_its_name_says(tmp_path):
+    """Camera-to-world poses were taken for the reverse without a word; an array without a name still is, with one."""
+    inverse = np.tile(np.eye(4), (4, 1, 1))
+    inverse[:, :3, :3], inverse[:, :3, 3] = TURNS.as_matrix(), CENTRES
+    for key, stored in (("c2w", inverse), ("world_to_camera", np.linalg.inv(inverse))):
+        np.savez(tmp_path / "poses.npz", K=np.eye(3), **{key: stored})
+        assert np.allclose(stage_poses(tmp_path / "poses.npz", USUAL_WAYS, []).values, np.linalg.inv(inverse))
+    np.savetxt(tmp_path / "poses.txt", inverse.reshape(4, 16))
+    np.save(tmp_path / "poses.npy", inverse)
+    guesses: list[str] = []
+    assert np.allclose(stage_poses(tmp_path / "poses.txt", USUAL_WAYS, guesses).values, inverse)
+    assert "poses.txt: poses of OpenCV's axes" in guesses.pop()
+    assert np.array_equal(stage_poses(tmp_path / "poses.npy", USUAL_WAYS, guesses).values, inverse)
+    assert guesses == [
+        f"{tmp_path / 'poses.npy'}: poses of OpenCV's axes (x right, y down, z ahead), taken for world-to-camera"
+    ]
+
+
+def test_true_poses_come_from_the_same_files(tmp_path, scene):
+    """A text with w first, which its names say, was read as if w were last."""
+    made = scene(channels=1)
+    count = len(made.masks)
+    turns = Rotation.from_rotvec(np.random.default_rng(2).normal(size=(count, 3)))
+    rows = np.c_[np.arange(count), np.random.default_rng(1).normal(size=(count, 3)), turns.as_quat(scalar_first=True)]
+    np.savetxt(tmp_path / "true.csv", rows, "%.12g", ",", header="t,tx,ty,tz,qw,qx,qy,qz", comments="")
+    np.savez(tmp_path / "shot.npz", meas=made.meas[..., 0], masks=made.masks)
+    (shot,) = import_shots(tmp_path / "shot.npz", None, ImportOptions(world_to_camera=tmp_path / "true.csv")).shots
+    inverse = np.linalg.inv(shot.truth.world_to_camera)
+    assert np.allclose(inverse[:, :3, :3], turns.as_matrix())
+    assert np.allclose(inverse[:, :3, 3], rows[:, 1:4])
+
+
+@pytest.mark.parametrize("lost", ["nan nan nan nan nan nan nan", "1 2 3 0 0 0 0"])
+def test_a_row_without_a_pose_is_named(tmp_path, lost):
+    """It was "damaged or not what its name says"."""
+    with pytest.raises(InputError, match="row 2 holds no pose"):
+        stage_poses(log(tmp_path, f"0 0 0 0 0 0 0 1\n1 {lost}\n2 1 0 0 0 0 0 1\n"), USUAL_WAYS, [])
+
+
+def test_a_column_of_text_is_no_position(tmp_path):
+    with pytest.raises(InputError, match="position 1 holds NaN"):
+        stage_poses(log(tmp_path, "x,y\n1 mm,0\n2 mm,1\n"), USUAL_WAYS, [])
+    guesses = []
+    given = stage_poses(log(tmp_path, "picture,x_in\na.png,0\nb.png,1\n"), USUAL_WAYS, guesses)
+    assert np.allclose(centres(given)[1], [25.4, 0, 0])
+    assert "stage.csv: not used: picture" in guesses
+
+
 def test_positions_may_be_counted_last(tmp_path):
     np.save(tmp_path / "places.npy", PLACES.T)
     assert np.array_equal(stage_poses(tmp_path / "places.npy", USUAL_WAYS, []).values[:, :3, 3], -PLACES)
@@ -185,7 +262,7 @@ def test_poses_of_another_program_are_told_with_their_order(tmp_path):
     told = []
     found = stage_poses(log(tmp_path, json.dumps({**camera, "frames": frames}), "t.json"), USUAL_WAYS, told)
     assert np.allclose(centres(found)[:, 0], [1, 2, 9, 10])
-    assert told == ["t.json: poses of the stage, in the order of the numbers in the pictures' names"]
+    assert told == ["t.json: poses in the order of the numbers in the pictures' names"]
 
 
 def test_each_of_several_exposures_takes_its_part_of_the_log(scene, take, tmp_path):

@@ -52,7 +52,9 @@ def labelled(values, mark, head, first=0, quote="{}"):
     return names, [mark.join([quote.format(k + first), *map(str, row)]) for k, row in enumerate(values.tolist())]
 
 
-@pytest.mark.parametrize("form", ["pandas", "pandas, tabs", "pandas without index", "R"])
+@pytest.mark.parametrize(
+    "form", ["pandas", "pandas, tabs", "pandas without index", "pandas without names", "polars", "rows with names", "R"]
+)
 def test_a_data_frame_is_a_measurement_without_its_labels(tmp_path, scene, form, said):
     """pandas 3.1.1, to_csv: "of no known format", or a picture with a row more; R 4.3, write.csv, quotes names."""
     made = scene(channels=1)
@@ -62,11 +64,14 @@ def test_a_data_frame_is_a_measurement_without_its_labels(tmp_path, scene, form,
         names = f'"",{names}'
     else:
         mark = "\t" if "tabs" in form else ","
-        names, rows = labelled(meas, mark, "")
+        names, rows = labelled(meas, mark, "column_" if form == "polars" else "")
         names = f"{mark}{names}"
-        if "without" in form:
+        if form == "rows with names":
+            rows = [f"r{row}" for row in rows]
+        if form == "polars" or form.endswith("index"):
             names, rows = names[1:], [row.partition(mark)[2] for row in rows]
-    (tmp_path / "meas.csv").write_text("\n".join([names, *rows]) + "\n")
+    lines = rows if form == "pandas without names" else [names, *rows]
+    (tmp_path / "meas.csv").write_text("\n".join(lines) + "\n")
     np.save(tmp_path / "masks.npy", made.masks)
     imported = import_shots(tmp_path / "meas.csv", tmp_path / "masks.npy", ImportOptions(scale=1.0))
     assert np.array_equal(imported.shots[0].measurement[..., 0], meas.astype(np.float32))
@@ -85,7 +90,8 @@ def test_rows_whose_first_number_counts_keep_it(tmp_path):
         ("1,2\n3\n", "row 2 is no row of numbers like the others"),
         ("# only a remark\n", "no rows; allowed: rows of as many numbers each"),
         ("1 OPENCV 128 96\n", "names, and no rows"),
-        ("x,y\n1,2\n", "its content is of no known format"),
+        ("x,y\n1,2\n", "columns named x, y"),
+        ("a.png,1,2\nb.png,3,4\n", "row 1 is no row of numbers like the others"),
     ],
 )
 def test_what_is_no_text_of_numbers_is_refused(tmp_path, text, message):

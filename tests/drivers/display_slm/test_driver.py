@@ -212,6 +212,21 @@ def test_the_change_to_memory_mode_takes_forty_seconds_once(bench: Bench) -> Non
         assert least_s <= bench.world.clock.now_s() - begin_s < most_s
 
 
+def test_a_phase_table_of_another_program_is_another_panel() -> None:
+    bench, other = make_bench(), make_bench()
+    other.twin.table = "1064 2.0"
+    models = [one.modulator.connect().model for one in (bench, other)]
+    assert models == ["Santec SLM-200 class, phase table 633 2.0", "Santec SLM-200 class, phase table 1064 2.0"]
+
+
+def test_what_another_program_left_running_shows_nothing_out_of_turn(bench: Bench) -> None:
+    bench.twin.trigger_input = bench.twin.playing = True
+    bench.modulator.upload(SEQUENCE)
+    bench.world.clock.after(1.0, bench.twin.trigger)
+    assert_shown(bench.run(SEQUENCE))
+    assert bench.modulator.incidents == ["slm0: the trigger input was on, which shows slots out of turn: switched off"]
+
+
 @pytest.mark.parametrize(("word", "error"), [("ER", RefusedError), ("TO", NoAnswerError)])
 def test_a_panels_own_errors_are_no_values(word: str, error: type[Exception]) -> None:
     """SlmCtrl.m: ER is an error as NG is (CheckRecv), TO means that there is no response yet (RequestReceiveData)."""

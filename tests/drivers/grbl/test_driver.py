@@ -114,6 +114,31 @@ def test_a_printers_board_is_named(boots):
     assert not [line for line in board.sent if line.startswith((b"G", b"$J"))]
 
 
+class Smoothie(Marlin):
+    """A board with Smoothieware, which reports as GRBL does and has no settings to list.
+
+    Smoothieware/Smoothieware: SimpleShell.cpp (on_console_line_received: "error:Invalid statement"), Robot.cpp
+    (get_query_string), SimpleShell.cpp (M115).
+    """
+
+    def write(self, data, timeout_s):
+        if b"?" in data:
+            self._out += b"<Idle|MPos:0.0000,0.0000,0.0000|WPos:0.0000,0.0000,0.0000|F:4000.0,100.0>\n"
+        *lines, self._line = (self._line + data.replace(b"?", b"")).split(b"\n")
+        for line in lines:
+            answers = {
+                b"$G": b"[GC:G0 G54 G17 G21 G90 G94 M0 M5 M9 T0 F4000.0000 S0.8000]\nok\n",
+                b"M115": b"FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A//smoothieware.org\nok\n",
+            }
+            self._out += answers.get(line, b"error:Invalid statement\n" if line.startswith(b"$") else b"ok\n")
+
+
+def test_a_board_that_reports_as_grbl_does_and_has_none_of_its_settings_is_named():
+    clock = VirtualClock()
+    with pytest.raises(UnsupportedError, match=r"the board runs Smoothieware.*GRBL 1.1, grblHAL"):
+        GrblStage("stage0", Smoothie(clock, boots=False), clock).connect()
+
+
 def test_a_controller_that_never_answers_is_given_up_in_time():
     clock = VirtualClock()
     stage = GrblStage("stage0", ScriptedPort(clock, []), clock)

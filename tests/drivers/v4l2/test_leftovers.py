@@ -52,6 +52,15 @@ def test_thirty_controls_are_looked_at():
     assert len(LEFT) >= 35
 
 
+@pytest.mark.parametrize("left", [220, 300])
+def test_a_usb_cameras_readings_are_straight_though_it_begins_with_the_gamma_of_a_screen(bench, baseline, left):
+    b = bench(processing=True, driver="uvcvideo", gamma=220)
+    leave(b, "Gamma", left)
+    np.testing.assert_array_equal(taken(b), baseline)
+    assert b.sensor.settings.recorded["gamma"] == 100
+    assert any("gamma was 300" in text for text in b.sensor.incidents) == (left == 300)
+
+
 @pytest.mark.parametrize("name", sorted(LEFT))
 def test_a_control_that_another_program_left_is_reset_recorded_or_refused(bench, baseline, name):
     b = bench(processing=True)

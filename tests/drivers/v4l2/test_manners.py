@@ -1,5 +1,7 @@
 """What cameras and their kernel drivers do where one would guess otherwise, by the twin, which has the sources."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from gs2ci_drivers.failures import (
     AccessError,
     DeviceFaultError,
     DriverError,
+    FrameCorruptError,
     FrameLostError,
     RefusedError,
     UnsupportedError,
@@ -14,6 +17,7 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.sensor import FrameFlag, StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_sims.wires.shutter import Shutting
+from gs2ci_sims.wires.v4l2_camera import REALTIME_S
 
 
 def options(**changes):
@@ -44,6 +48,20 @@ def test_vc_mipi_whose_device_tree_cannot_be_read_is_not_trusted_with_either_uni
         assert "lines of 10 us or microseconds" in b.sensor.connect().exposure_unsettled
         stated = bench(options(exposure_unit_s=1e-6), exposure=exposure, tree_known=False)
         assert stated.sensor.connect().exposure_unsettled == ""
+
+
+@pytest.mark.parametrize("asked", [{}, {"horizontal_blanking": 512}])
+def test_limits_are_those_of_the_lines_that_a_capture_will_have_whatever_was_left(bench, asked):
+    fresh, left = (bench(options(controls=asked), blanks=True) for _ in range(2))
+    bank = left.twin._device._controls
+    bank.leave("Horizontal Blanking", 9000)
+    bank.leave("Vertical Blanking", 700)
+    bank._limit_exposure()
+    limits = [(info.min_exposure_s, info.max_exposure_s) for info in (fresh.sensor.connect(), left.sensor.connect())]
+    assert limits[0] == pytest.approx(limits[1])
+    left.begin(exposure_s=8e-3, controls=asked)
+    assert left.sensor.settings.exposure_s == pytest.approx(8e-3, rel=2e-2)
+    assert exposed_s(left) == pytest.approx(left.sensor.settings.exposure_s)
 
 
 # ---- NVIDIA's own controls (Jetson)
@@ -93,6 +111,7 @@ class Flash:
     [
         ({"shutter": "rolling"}, {}),
         ({}, {"sensor": "imx477"}),
+        ({}, {"sensor": "imx708"}),
         ({"trigger_adapter": "module", "trigger_module": "imx477"}, {"trigger": "module", "module": "imx477"}),
     ],
 )
@@ -142,6 +161,15 @@ def test_a_modules_parameter_gets_the_number_that_this_module_takes(bench, modul
     assert not b.world.exposures, "it runs by its own clock"
     b.sensor.close()
     assert b.twin.read_file(f"/sys/module/{module}/parameters/trigger_mode") == b"0\n"
+
+
+def test_the_third_number_of_a_control_is_a_gate_for_vision_components_alone(bench):
+    """VEYE's 2 is "high-speed continuous trigger mode": an edge, for exposures of the length that is set."""
+    assert bench().sensor.connect().triggers == set(TriggerMode)
+    b = bench()
+    bank = b.twin._device._controls
+    bank._controls = {cid: one for cid, one in bank._controls.items() if one.name != "Single Trigger"}
+    assert b.sensor.connect().triggers == {TriggerMode.FREE_RUN, TriggerMode.EDGE}
 
 
 def test_a_module_of_unknown_numbers_is_refused_until_they_are_stated(bench):
@@ -214,6 +242,14 @@ def test_what_a_raspberry_pi_5_widens_to_sixteen_bits_is_read_as_the_sensor_send
     assert b.sensor.settings.format.bits == bits
 
 
+@pytest.mark.parametrize("code", ["Y10", "RG12", "Y16", "GREY"])
+def test_what_rockchips_receiver_packs_is_read_although_its_code_says_words(bench, code):
+    b = bench(driver="rkcif", compact=True, width=396)
+    b.config = replace(b.config, fourcc=code)
+    b.begin(fourcc=code)
+    b.capture_works()
+
+
 def test_a_sensor_of_another_mosaic_is_refused_whatever_is_widened(bench):
     b = bench(options(subdevice="/dev/v4l-subdev0"), formats=("Y16 ",), on_subdevice=True, bus_code=0x3012)
     with pytest.raises(RefusedError, match="settled on another bus format"):
@@ -281,10 +317,34 @@ def test_a_frame_that_is_lost_later_is_not_explained_by_the_first_number(bench):
 
 def test_stamps_of_clock_realtime_are_named_although_they_are_flagged_as_monotonic(bench):
     table = options(trigger_adapter="none", readout_s=1e-3)
-    b = bench(table, driver="uvcvideo", realtime=True, exposure="absolute", trigger="none", stamps="start-of-frame")
+    odd = {"exposure": "absolute", "trigger": "none", "stamps": "start-of-frame"}
+    b = bench(table, driver="uvcvideo", ahead_s=REALTIME_S, **odd)
     b.begin(trigger=TriggerMode.FREE_RUN)
     with pytest.raises(DeviceFaultError, match=r"1\.79e\+09 s after the frame's arrival.*uvcvideo/parameters/clock"):
         b.sensor.read(0.5)
+
+
+@pytest.mark.parametrize("ahead_s", [29.0, -0.4])
+def test_a_jetsons_stamps_are_of_its_camera_processors_clock_whatever_their_flag(bench, ahead_s):
+    """29 s ahead on a Xavier; a clock that nobody sets drifts behind the computer's on a Nano."""
+    b = bench(options(readout_s=1e-3), driver="tegra-video", exposure="tegra", ahead_s=ahead_s, stamps="start-of-frame")
+    b.begin()
+    b.fire(2)
+    frames = [b.sensor.read(0.5) for _ in range(2)]
+    assert [frame.flags for frame in frames] == [FrameFlag.STAMPED_AT_FRAME_START] * 2
+    assert frames[1].t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s + ahead_s)
+
+
+def test_a_jetson_that_waits_in_vain_for_a_frame_says_when_the_first_trigger_has_to_come(bench):
+    b = bench(options(readout_s=1e-3), driver="tegra-video", exposure="tegra", stamps="start-of-frame", gives_up_s=2.5)
+    b.begin()
+    with pytest.raises(
+        FrameCorruptError, match=r"where 2\.5 s pass without a frame: let the first trigger come sooner"
+    ):
+        b.sensor.read(4.0)
+    b.sensor.stop()
+    b.sensor.start()
+    assert exposed_s(b) == pytest.approx(2e-3)
 
 
 def test_a_single_stamp_of_another_clock_is_named_and_the_next_frame_is_right(bench):

@@ -234,3 +234,10 @@ def test_a_port_that_was_closed_neither_takes_nor_gives():
         port.write(b"/1\n", 1.0)
     with pytest.raises(OSError, match="the port is closed"):
         port.read(10, 1.0)
+
+
+def test_where_nothing_answers_the_binary_protocol_is_named():
+    """A T-Series device answers messages of six bytes, and no others (docs.rs/zproto, module binary)."""
+    clock = VirtualClock()
+    with pytest.raises(NoAnswerError, match=r"binary protocol \(9600 baud\).*firmware 5 \(T-Series\) has no other"):
+        ZaberStage("stage0", ScriptedPort(clock, []), clock, ZaberOptions()).connect()
