@@ -196,15 +196,16 @@ def _shift(foretold: F64, lit: Bool, rest: F64, noise: F64) -> tuple[tuple[float
 
     It is the first moment of the filter that turns the mask into what was seen: slopes show half of it, if
     elements are as sharp as a pixel. Of a mask that was between pixels before, or blurred, the filter is an alternating
-    series without end; cut after one and after two pixels it errs to either side, and the mean is taken.
+    series without end; cut after one, two and three pixels it errs to either side, and means of means are taken, as by
+    Euler's summation of alternating series.
     """
     sides = [foretold - np.roll(foretold, 1, axis) for axis in (1, 0)]
     spread = np.cov([side[lit] for side in sides])
     if np.linalg.det(spread) <= 1e-6 * np.trace(spread) ** 2:  # 1e-6: in a mask without structure no shift is visible
         return (0.0, 0.0), (float(np.inf), float(np.inf))
-    one, two = (_first_moment(foretold, lit, rest, float(noise.mean()), reach) for reach in (1, 2))
-    right, down = (one[0] + two[0]) / 2
-    of_right, of_down = np.hypot(two[1], np.abs(one[0] - two[0]) / 4)
+    one, two, three = (_first_moment(foretold, lit, rest, float(noise.mean()), reach) for reach in (1, 2, 3))
+    right, down = (one[0] + 2 * two[0] + three[0]) / 4
+    of_right, of_down = np.hypot(three[1], np.abs(one[0] - three[0]) / 4)
     return (float(right), float(down)), (float(of_right), float(of_down))
 
 

@@ -137,7 +137,7 @@ def test_a_modulator_that_moved_since_is_noticed_by_the_probe(rig, tmp_path, cal
     assert seen.difference < 0.02
     assert np.abs(seen.shift_px).max() < 0.05
     rig.write_text(RIG.replace("right_px = 0.3", "right_px = 0.55"))
-    with pytest.raises(CalibrationError, match=r"moved by \+0\.(2\d|30) ") as refused:
+    with pytest.raises(CalibrationError, match=r"moved by \+0\.2[2-8] ") as refused:
         loaded(bundle)
     assert refused.value.reason is Reason.DOES_NOT_FIT
     assert "gs2ci calibrate update" in str(refused.value)
@@ -155,7 +155,7 @@ def test_a_modulator_that_moved_is_noticed_though_the_first_mask_is_open_everywh
     calibrate(bundle)
     assert loaded(bundle).probe.mask == 1
     rig.write_text(mine.replace("right_px = 0.3", "right_px = 0.55"))
-    with pytest.raises(CalibrationError, match=r"mask 1 differs .* moved by \+0\.(2\d|30) "):
+    with pytest.raises(CalibrationError, match=r"mask 1 differs .* moved by \+0\.2[3-7] "):
         loaded(bundle)
 
 
