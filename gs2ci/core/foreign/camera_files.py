@@ -88,7 +88,7 @@ def read_calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     """Read the camera of a file, with whatever poses it has.
 
     Args:
-        path: A COLMAP model's folder, a transforms.json, or a calibration in OpenCV's or ROS's form (YAML, XML).
+        path: A COLMAP model's folder or its project's, a transforms.json, or a calibration in OpenCV's or ROS's form.
         size: Height and width of the measurement, px; a camera of pictures of another size is scaled. None: it is not.
 
     Raises:
@@ -97,7 +97,8 @@ def read_calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     if path.name in _OF_A_MODEL:
         path = path.parent
     if path.is_dir():
-        found = _colmap(path, size)
+        inner = (path / one for one in ("", "sparse/0", "0", "sparse"))
+        found = _colmap(next((one for one in inner if any((one / n).is_file() for n in _OF_A_MODEL)), path), size)
     elif not path.is_file():
         raise InputError(f"no camera file {path}", allowed=_ALLOWED)
     elif path.suffix.lower() in _CALIBRATIONS or b'"frames"' not in path.read_bytes():
@@ -231,7 +232,11 @@ def _colmap(folder: Path, size: tuple[int, int] | None) -> CameraFile:
     images = [stored[index] for index in _order(folder, [image.name for image in stored])]
     cameras = {image.camera_id for image in images}
     if len(cameras) != 1:
-        raise InputError(f"{folder} holds {len(cameras)} cameras with pictures", allowed="one camera for all views")
+        raise InputError(
+            f"{folder} holds {len(cameras)} cameras with pictures",
+            allowed="one camera for all views",
+            remedy="COLMAP's feature_extractor takes one for all with --ImageReader.single_camera 1",
+        )
     camera = model.cameras[cameras.pop()]
     _require_model(folder, camera.model_name, (*_PINHOLES, *_LENSES))
     bent = _LENSES.get(camera.model_name, 0)

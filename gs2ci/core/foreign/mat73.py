@@ -5,6 +5,7 @@ MATLAB stores arrays column by column, and its files list the axes in that order
 is followed.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -60,17 +61,14 @@ def read_mat73(path: Path) -> Container:
 
 
 def _doubt(entries: dict[str, ArrayEntry], arrays: Iterable[str]) -> str:
-    """Say that axes may be reversed; an array's two longest sides are those of a picture."""
-    for key in arrays:
-        shape = entries[key].shape
-        rows, columns = (
-            sorted(sorted(range(len(shape)), key=lambda axis: -shape[axis])[:2]) if len(shape) > 1 else (0, 0)
-        )
-        if rows != columns and shape[rows] > shape[columns]:
-            return "WARNING: " + _NOT_BY_SAVE.format(
-                shown=f", {key!r} {shape[rows]} pixels high and {shape[columns]} wide"
-            )
-    return _NOT_BY_SAVE.format(shown="")
+    """Say that axes may be reversed; the two longest sides of the largest array are those of its pictures."""
+    key = max(arrays, key=lambda one: math.prod(entries[one].shape))
+    shape = entries[key].shape
+    longest = sorted(range(len(shape)), key=lambda axis: -shape[axis])[:2]
+    high, *wide = (shape[axis] for axis in sorted(longest)) if shape else (0,)
+    if not wide or high <= wide[0]:
+        return _NOT_BY_SAVE.format(shown="")
+    return "WARNING: " + _NOT_BY_SAVE.format(shown=f", {key!r} {high} pixels high and {wide[0]} wide")
 
 
 def _entries(

@@ -387,6 +387,14 @@ def test_poses_need_no_size_and_a_calibration_has_none(tmp_path):
         read_poses(ros(tmp_path))
 
 
+@pytest.mark.parametrize("within", ["sparse/0", "0", "sparse"])
+def test_the_folder_of_a_colmap_project_is_as_good_as_its_models(tmp_path, within):
+    """`gs2ci export --to colmap` writes such a one, and it was "not a COLMAP model"."""
+    (tmp_path / within).mkdir(parents=True)
+    write_colmap_model(tmp_path / within, poses(3), CAMERA, SIZE, points=np.zeros((0, 3)), colors=np.zeros((0, 3)))
+    np.testing.assert_allclose(read_poses(tmp_path), poses(3), atol=1e-12)
+
+
 def test_a_shot_takes_camera_lens_and_poses_from_files(tmp_path):
     rng = np.random.default_rng(0)
     np.savez(tmp_path / "shot.npz", meas=rng.random((*SIZE, 3)), masks=rng.random((12, *SIZE)) < 0.5)

@@ -94,6 +94,7 @@ def test_hdf5_without_a_mark_whose_pictures_stand_upright_is_doubted(tmp_path, s
     for name, kept, counted in (("numpy", (meas, masks), False), ("h5write", (meas.T, masks.transpose(0, 2, 1)), True)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             file["meas"], file["masks"] = kept
+            file["w2c"] = np.tile(np.eye(4), (len(masks), 1, 1))
         told = import_shots(tmp_path / f"{name}.h5", None, ImportOptions()).guesses
         rows, columns = sorted(meas.shape, reverse=counted)
         doubts = [one for one in told if one.startswith("WARNING") and "h5write" in one]
