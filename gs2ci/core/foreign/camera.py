@@ -127,6 +127,12 @@ def trajectory(where: str, rows: F64, guesses: list[str]) -> F64:
                     allowed="rows in the order of exposure",
                     remedy="sort them, one row for each mask",
                 )
+            lacks = ~(np.isfinite(rows).all(axis=1) & rows[:, 4:].any(axis=1))
+            if lacks.any():
+                raise InputError(
+                    f"{where}: row {int(lacks.argmax()) + 1} holds no pose: NaN, or a quaternion of zeros",
+                    remedy="one pose for each mask: mend what the tracking lost, or leave the poses out",
+                )
             if (np.abs(rows[:, 4]) > _MOSTLY_ONE).all():
                 guesses.append(
                     f"WARNING: {where}: the first number of each quaternion is close to 1; TUM's last one is w, others "
@@ -170,7 +176,7 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
         remedy = "take out scales and axis flips (x right, y down, z forward), or leave the poses out"
         raise InputError(f"{given.where}: {error.problem}", allowed=error.allowed, remedy=remedy) from error
     if camera_to_world:
-        guesses.append(f"{given.where}: camera-to-world, inverted")
+        guesses.append(f"{given.where}: camera-to-world, of OpenCV's axes (x right, y down, z ahead), inverted")
         values = np.asarray(np.linalg.inv(values), np.float64)
     return np.ascontiguousarray(values)
 

@@ -29,10 +29,10 @@ _MM: Final = {"m": 1e3, "cm": 10.0, "in": 25.4, "inch": 25.4, "mm": 1.0, "um": 1
 _AXES: Final = "xyz"
 _POSES: Final[tuple[roles.Role, ...]] = ("telemetry", "world_to_camera", "camera_to_world")
 # What may stand beside the axis and the unit in the name of a column: stage_x_mm, PosX (mm), X Position [mm].
-_POSITIONS: Final = {"position", "pos", "stage", "axis", "actual"}
+_POSITIONS: Final = {"position", "pos", "stage", "axis", "actual", "camera", "cam", "encoder"}
 # Columns that turn the camera; a log that has them is not read without them.
 _TURNS: Final = re.compile(
-    r"(?<![a-z])(?:yaw|pitch|roll|tilt|angle|theta|phi|psi|omega|kappa|heading|azimuth|elevation|rot|quat|q[wxyz]"
+    r"(?<![a-z])(?:yaw|pitch|roll|tilt|angle|theta|phi|psi|omega|kappa|heading|azimuth|elevation|rot|quat|[qo][wxyz]"
     r"|r[xyz]|[rm]\d[012])"
 )
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -42,8 +42,8 @@ _LETTERS: Final = ({"u", "v", "w"}, {"a", "b", "c"})
 # .pose.orientation.w and /pose/pose/position/x (exports of ROS's messages).
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _IN_POSE: Final = re.compile(
-    r"(?:.*?[./])??(?:(q|orientation|rotation)(?:uat[a-z]*)?|t|p|pos|position|translation|)"
-    r"(?:[_./](?:\w+_)?)?([wxyz])\s*(?:\[.*\])?"
+    r"(?:.*?[./])??(?:(q(?:uat[a-z]*)?|o(?:rientation)?|r(?:ot(?:ation)?)?)|t|p|pos|position|translation|)"
+    r"(?:[_./ ](?:\w+_)?)?([wxyz])\s*(?:\[.*\])?"
 )
 _WORD: Final = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
 _HOW: Final = "one row for each mask, in the order of exposure, under a first row of names: x_mm, y_mm, z_mm"

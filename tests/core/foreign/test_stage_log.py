@@ -150,6 +150,8 @@ OTHERS = {
     "PlotJuggler": "__time,/odom/pose/pose/position/x,/odom/pose/pose/position/y,/odom/pose/pose/position/z,"
     "/odom/pose/pose/orientation/w,/odom/pose/pose/orientation/x,/odom/pose/pose/orientation/y,"
     "/odom/pose/pose/orientation/z",
+    "ZED": "timestamp,tx,ty,tz,ow,ox,oy,oz",
+    "Motive": "Time (Seconds),Position X,Position Y,Position Z,Rotation W,Rotation X,Rotation Y,Rotation Z",
     "tf": "t,transform.translation.x,transform.translation.y,transform.translation.z,transform.rotation.w,"
     "transform.rotation.x,transform.rotation.y,transform.rotation.z",
 }
@@ -157,7 +159,7 @@ OTHERS = {
 
 @pytest.mark.parametrize("program", OTHERS)
 def test_trajectories_of_other_programs_are_read_by_the_names_of_their_columns(tmp_path, program):
-    """All were refused: EuRoC's names begin with blanks, ROS's have points and slashes, and a column of text."""
+    """Refused: EuRoC's names begin with blanks, ROS's have points, slashes, a column of text; ZED's did not turn."""
     numbers = np.c_[CENTRES, TURNS.as_quat(scalar_first=True)]
     rows = [",".join(f"{value:.12g}" for value in row) for row in numbers]
     before, after = {"rosbag": ("2026/11/30 10:00:00,{},map,", ""), "EuRoC": ("{},", ",0.5")}.get(program, ("{},", ""))
@@ -197,6 +199,13 @@ def test_true_poses_come_from_the_same_files(tmp_path, scene):
     inverse = np.linalg.inv(shot.truth.world_to_camera)
     assert np.allclose(inverse[:, :3, :3], turns.as_matrix())
     assert np.allclose(inverse[:, :3, 3], rows[:, 1:4])
+
+
+@pytest.mark.parametrize("lost", ["nan nan nan nan nan nan nan", "1 2 3 0 0 0 0"])
+def test_a_row_without_a_pose_is_named(tmp_path, lost):
+    """It was "damaged or not what its name says"."""
+    with pytest.raises(InputError, match="row 2 holds no pose"):
+        stage_poses(log(tmp_path, f"0 0 0 0 0 0 0 1\n1 {lost}\n2 1 0 0 0 0 0 1\n"), USUAL_WAYS, [])
 
 
 def test_a_column_of_text_is_no_position(tmp_path):
