@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# A good guess: xisf reads astronomy's XISF files as their headers say, upper byte first where byteOrder is "big", and colours side by side where
-# pixelStorage is "Normal", as the format has both, and writes a picture of three planes, the order in which FITS and it hold colours, as one.
-# Found: neither attribute is looked at, nor refused: 1 is read as 256, and the colours of neighbours are mixed. And of 3 planes of 4 rows by 5 columns
-# it makes 5 planes of 4 rows by 3 columns, "RGB". Colours last, or one plane, the lower byte first, are right.
+# A good guess: xisf reads astronomy's XISF files as their headers say, or refuses them: upper byte first where byteOrder is "big", and not at all
+# where pixelStorage is "Normal", colours side by side, of which its page says that they are not supported; and a picture of three planes, the order in which
+# FITS and XISF itself hold colours, it writes as one. Found: neither attribute is looked at: 1 is read as 256, and the colours of neighbours are
+# mixed, without a word. And of 3 planes of 4 rows by 5 columns it makes 5 planes of 4 rows by 3 columns, "RGB". Colours last, or one
+# plane, the lower byte first, are right.
 set -euo pipefail
 folder=$(mktemp -d); trap 'rm -rf "$folder"' EXIT; cd "$folder"
 python3 -m venv v; v/bin/pip install --quiet --no-compile --disable-pip-version-check --no-deps xisf==0.9.6 numpy==2.4.6 lz4==4.4.5 zstandard==0.25.0

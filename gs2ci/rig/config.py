@@ -48,11 +48,14 @@ class CaptureTable(ConfigTable):
     masks: Count = 8
     """Masks shown during one exposure."""
     density: Fraction = 0.25
-    """Share of open pixels of a random binary mask. If `masks` times this is 2 or more, each element is open in one."""
+    """Share of open pixels of a random binary mask."""
     element: Count = 1
     """Sensor pixels per side of a random mask's elements."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the random masks."""
+    even_masks: bool = True
+    """Spread the open elements of each random mask evenly, without the clumps and gaps of independent draws; if `masks`
+    times `density` is 2 or more, also open each element in one of them."""
     pattern_file: str = ""
     """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones; grey ones need
     a `bit_depth` that can show them."""

@@ -5,7 +5,7 @@
 Rooms of seven tilted rectangles and two boxes, 72 × 96 px, eight views an exposure, random masks, a quarter open, poses
 reported by a stage without error (`tests/exposed_rooms.py`: rendered by the solver's renderer, without a light path).
 Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three,
-`GS2CI_PARTS=repeats,orders,spread,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of
+`GS2CI_PARTS=repeats,orders,even,determined,adjacent` some of the parts, `GS2CI_COUNTS=1,2,4,8` other numbers of
 repeats, `GS2CI_DRAWS=0,1,2` repeats with other masks and noise than those of draw 0.
 
 Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in each reading; 1, 2, 4 and 8 exposures. The
@@ -15,8 +15,8 @@ intervals of an exposure, and each for two, which is the light that the masks of
 Orders: repeats under the same masks in one order, under the same masks of which each exposure begins with another one,
 as a capture shows them, and under fresh ones; 1 % noise, `draft`, PSNR of views and scene.
 
-Spread: one exposure and eight, each beginning with another mask, by masks as they are drawn and by a bench's, which
-open each element in one of them (`gs2ci.rig.patterns`); 1 % noise, `draft`, PSNR of views and scene.
+Even: one exposure and eight, each beginning with another mask, by masks as they are drawn and by a bench's even ones
+(`gs2ci.rig.patterns`); 1 % noise, `draft`, PSNR of views and scene.
 
 Determined: noise-free repeats decoded together, by fresh masks and by masks that begin with another one, PSNR of a
 room's views without any denoiser and by GAP-TV, by how many.
@@ -82,7 +82,7 @@ def run() -> None:
     """Print both tables."""
     first, last = (int(part) for part in os.environ.get("GS2CI_ROOMS", "0:3").split(":"))
     rooms = [(number, room(number, SIZE)) for number in range(first, last)]
-    parts = os.environ.get("GS2CI_PARTS", "repeats,orders,spread,determined,adjacent").split(",")
+    parts = os.environ.get("GS2CI_PARTS", "repeats,orders,even,determined,adjacent").split(",")
     counts = "".join(f"{count:>8}" for count in COUNTS)
     if "repeats" in parts:
         print(f"repeats, draw {counts}   scene of 8   of 8 full views   of twice the light")
@@ -95,11 +95,11 @@ def run() -> None:
         for number, scene in rooms:
             for count in COUNTS:
                 print(f"room {number}, {count}".ljust(14) + _orders(number, scene, count), flush=True)
-    if "spread" in parts:
-        print("\nviews, scene dB: as drawn, each element open in one mask at least")
+    if "even" in parts:
+        print("\nviews, scene dB: as drawn, even")
         for number, scene in rooms:
             for count in (1, VIEWS):
-                print(f"room {number}, {count}".ljust(14) + _spread(number, scene, count), flush=True)
+                print(f"room {number}, {count}".ljust(14) + _even(number, scene, count), flush=True)
     if "determined" in parts:
         number, scene = rooms[0]
         _print_determined(number, scene)
@@ -146,11 +146,10 @@ def _orders(seed: int, scene: Scene, count: int) -> str:
     return _drafts(same, turned, repeated(scene, SIZE, seed, count, noise=0.01))
 
 
-def _spread(seed: int, scene: Scene, count: int) -> str:
-    table = CaptureTable(masks=VIEWS, density=OPEN_SHARE, seed=seed)
-    spread = draw_codes(table, SIZE, Path())
-    drawn = np.random.default_rng(np.random.SeedSequence(seed)).random((VIEWS, *SIZE)) < OPEN_SHARE
-    return _drafts(*(_turned(scene, seed, count, 0.01, masks=masks.astype(np.float32)) for masks in (drawn, spread)))
+def _even(seed: int, scene: Scene, count: int) -> str:
+    tables = [CaptureTable(masks=VIEWS, density=OPEN_SHARE, seed=seed, even_masks=even) for even in (False, True)]
+    masks = [draw_codes(table, SIZE, Path()).astype(np.float32) for table in tables]
+    return _drafts(*(_turned(scene, seed, count, 0.01, masks=each) for each in masks))
 
 
 def _drafts(*every: list[Shot]) -> str:

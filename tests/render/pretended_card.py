@@ -8,6 +8,7 @@ what a card computes otherwise (order of sums), and what it computes while Pytho
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Thread
 from unittest.mock import patch
 
 import torch
@@ -26,7 +27,7 @@ WITHOUT_COPY = ("numpy", "__array__")
 
 
 class Apart(TorchFunctionMode):
-    """Keeps both places apart within a block, in the thread that enters it.
+    """Keeps both places apart within a block, in each thread that enters it.
 
     Attributes:
         names: Operations on the card, and how many there were of each.
@@ -81,9 +82,20 @@ def pretended_card() -> Iterator[Apart]:
         plain(self, *given, **named)
         self.device = CARD
 
+    begun = Thread.run
+
+    def begin(thread):
+        # Fits go on in threads of their own, and may come back from there.
+        with apart:
+            begun(thread)
+
     places.count_host_as_device(yes=True)
     try:
-        with patch.object(WarpBackend, "__init__", on_card), Apart() as apart:
+        with (
+            patch.object(WarpBackend, "__init__", on_card),
+            patch.object(Thread, "run", begin),
+            Apart() as apart,
+        ):
             yield apart
     finally:
         places.count_host_as_device(yes=False)

@@ -6,6 +6,7 @@ Masks lie in the panel's memory slots; the host shows them one by one (`keep_tim
 pulses its trigger output at each change. Between masks and after disarming it shows its dark level.
 """
 
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
@@ -15,14 +16,12 @@ from gs2ci.core.clock import Clock
 from gs2ci_drivers.display_slm.link import BUSY_TIMEOUT_S, IMAGE_S, SlmLink
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, WIDTH, image
-from gs2ci_drivers.failures import NoAnswerError, SequenceError
+from gs2ci_drivers.failures import NoAnswerError, RefusedError, SequenceError
 from gs2ci_drivers.modulator import Modulator, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 
 _MEMORY_MODE: Final = "0"
-_TRIGGERS: Final = ("TI", "TC")
-"""Switches by which a pulse at the trigger input, or a command, shows the next slot (SLM_Ctrl_WriteTI and _WriteTC)."""
 _MODE_S: Final = 40.0
 """How long the change to it takes (manual of SLMFunc, SLM_Ctrl_WriteVI)."""
 _COMMAND_S: Final = 0.02
@@ -106,16 +105,17 @@ class DisplaySlm(Modulator):
 
     def _show_memory(self) -> None:
         """Have the panel show its memory instead of its video input, unless it does: that takes 40 s."""
+        with suppress(RefusedError):  # another program's continuous display ends with it alone (SLM_Ctrl_WriteDR)
+            self._link.ask("DB")
         if self._link.ask("VI") != _MEMORY_MODE:
             self._link.ask(f"VI {_MEMORY_MODE}", BUSY_TIMEOUT_S)
         self._shows_memory = True
 
     def _do_arm(self, sequence: PatternSequence) -> None:
         self._go_dark()
-        for switch in _TRIGGERS:  # another program may have left them on
-            if self._link.ask(switch) != "0":
-                self._link.ask(f"{switch} 0")
-                self.incidents.append(f"{self.name}: {switch} was on, which shows slots out of turn: switched off")
+        if self._link.ask("TI") != "0":  # left on by another program
+            self._link.ask("TI 0")
+            self.incidents.append(f"{self.name}: the trigger input was on, which shows slots out of turn: switched off")
         self._link.ask(f"TM {int(sequence.trigger is TriggerOut.PER_MASK)}")
 
     def _do_start(self, sequence: PatternSequence) -> None:

@@ -5,8 +5,9 @@ line feed; the number of a row stands in the bytes 9 to 11, low byte first; whil
 command; the slot that DS shows cannot be overwritten (SLM_Ctrl_WriteMI); a change to memory mode takes 40 s, in which
 there is no response (SLM_Ctrl_WriteVI; at power-up it shows its video input); an image is not read while it is asked
 for its status at once (slm_Ctrl_WriteMI: "without waiting here it fails however often one tries"). Its phase table
-(WL: nm, and the phase of the top level in pi/100) and its switches TI and TC stay as programs leave them
-(SLM_Ctrl_ReadWL, _ReadTI, _ReadTC of SLMFunc.h); while TI is on, a pulse at the trigger input shows the next slot.
+(slm_Ctrl_ReadWL: nm, and the phase of the top level in pi), its trigger input (SLM_Ctrl_WriteTI), by whose pulses it
+shows the next slot, and a continuous display (SLM_Ctrl_WriteDR: "until stopped by SLM_Ctrl_WriteDB", during which "some
+communication commands are invalid", here those that show something) stay as programs leave them.
 
 Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`). It shares no
 code with the driver.
@@ -59,7 +60,7 @@ class DisplaySlmTwin(SerialTwin):
         self._passes = transmissions(greys, TOP, self._full)
         self.panel = Panel(world, f"{name}.out", self.faults, response_s)
         self._input = bytearray()
-        self.table = "633 200"
+        self.table = "633 2.0"
         self._restart()
 
     @property
@@ -78,7 +79,7 @@ class DisplaySlmTwin(SerialTwin):
         self.slots: dict[int, U16] = {}
         self._target = 0
         self._pulses = False
-        self.switches = {"TI": 0, "TC": 0}
+        self.trigger_input = self.playing = False
         self._from_memory = False
         self._shown: int | None = None
         self._image_end_s = 0.0
@@ -151,9 +152,12 @@ class DisplaySlmTwin(SerialTwin):
         self._finish(self._obey(head, numbers), text.strip(), _MODE_S if changes else _COMMAND_S)
 
     def _obey(self, head: str, numbers: list[int]) -> str:
-        told = {"SN": "2018021101", "VI": int(not self._from_memory), "WL": self.table, **self.switches}
+        told = {"SN": "2018021101", "VI": int(not self._from_memory), "WL": self.table, "TI": int(self.trigger_input)}
         if head in told and not numbers:
             return str(told[head])
+        if head == "DB":
+            self.playing = False
+            return "OK"
         if len(numbers) != 1:
             return "NG"
         value = numbers[0]
@@ -162,8 +166,10 @@ class DisplaySlmTwin(SerialTwin):
         elif head == "MI" and 1 <= value <= 128 and value != self._shown:
             self._target = value
             self._rows.clear()
-        elif head in self.switches and value <= 1:
-            self.switches[head] = value
+        elif head == "TI" and value <= 1:
+            self.trigger_input = value == 1
+        elif self.playing:
+            return "NG"
         elif head == "DS" and value in self.slots and self._from_memory:
             self._shown = value
             self.panel.set(self._passes[self.slots[value]], self._full)
@@ -181,7 +187,7 @@ class DisplaySlmTwin(SerialTwin):
 
     def trigger(self) -> None:
         """Give a pulse to the trigger input."""
-        if self.switches["TI"] and self._shown is not None:
+        if self.trigger_input and self._shown is not None:
             self._obey("DS", [self._shown + 1 if self._shown + 1 in self.slots else 1])
 
     def _take_row(self, row: int, data: bytes) -> None:

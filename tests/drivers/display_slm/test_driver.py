@@ -214,17 +214,17 @@ def test_the_change_to_memory_mode_takes_forty_seconds_once(bench: Bench) -> Non
 
 def test_a_phase_table_of_another_program_is_another_panel() -> None:
     bench, other = make_bench(), make_bench()
-    other.twin.table = "1064 200"
+    other.twin.table = "1064 2.0"
     models = [one.modulator.connect().model for one in (bench, other)]
-    assert models == ["Santec SLM-200 class, phase table 633 200", "Santec SLM-200 class, phase table 1064 200"]
+    assert models == ["Santec SLM-200 class, phase table 633 2.0", "Santec SLM-200 class, phase table 1064 2.0"]
 
 
-def test_a_trigger_input_that_another_program_left_on_shows_nothing_out_of_turn(bench: Bench) -> None:
-    bench.twin.switches["TI"] = 1
+def test_what_another_program_left_running_shows_nothing_out_of_turn(bench: Bench) -> None:
+    bench.twin.trigger_input = bench.twin.playing = True
     bench.modulator.upload(SEQUENCE)
     bench.world.clock.after(1.0, bench.twin.trigger)
     assert_shown(bench.run(SEQUENCE))
-    assert bench.modulator.incidents == ["slm0: TI was on, which shows slots out of turn: switched off"]
+    assert bench.modulator.incidents == ["slm0: the trigger input was on, which shows slots out of turn: switched off"]
 
 
 @pytest.mark.parametrize(("word", "error"), [("ER", RefusedError), ("TO", NoAnswerError)])
