@@ -36,6 +36,7 @@ from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.extras import missing_extra
+from gs2ci.core.halt import ENDINGS, end
 
 if TYPE_CHECKING:
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -71,7 +72,6 @@ QUIET_WORD: Final = "--quiet"
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
 EXIT_UNREAD: Final = 141
-_ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main() -> int:
@@ -256,13 +256,9 @@ def _unwound_when_told_to_end() -> Iterator[None]:
 
     Otherwise the process would end at once, with the lamp on and the stage moving.
     """
-
-    def end(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)
-
     main = threading.current_thread() is threading.main_thread()
     # A signal that is ignored (nohup) stays so.
-    taken = [number for number in _ENDINGS if main and signal.getsignal(number) is signal.SIG_DFL]
+    taken = [number for number in ENDINGS if main and signal.getsignal(number) is signal.SIG_DFL]
     for number in taken:
         signal.signal(number, end)
     try:

@@ -159,7 +159,7 @@ class DisconnectedError(LinkError):
             device,
             f"the device is gone ({cause})",
             asked=asked,
-            remedy="check power and cable, plug it in again and repeat; rows already taken are kept",
+            remedy="check power and cable, plug it in again and repeat",
         )
 
 

@@ -127,7 +127,7 @@ def reconstruct(
             takes a CUDA device that works, otherwise the CPU, and the run says what kept a card from being used.
         seed: Seed of every random draw; the same seed gives the same result.
         unfinished: With `together`, a folder in which what is done is kept, so that the same call goes on after its
-            process was killed; `Run.save` removes it.
+            process was killed; `Run.save` removes it, but for that of a run that was interrupted.
         progress: Receives stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
 
@@ -162,13 +162,18 @@ def reconstruct(
         raise InputError("a folder for an unfinished run of one exposure", allowed="one with together=True")
     settings, halt = settings_of(preset, overrides), Halt()
     within = None if budget_s is None else Budget(budget_s, began_s, overrides.on)
-    with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
+    with (
+        shown(progress) as display,
+        # What a joint run has done is kept on the disk, from where a killed one goes on.
+        halted_by_interruption(halt, display.say, told_to_end=unfinished is None),
+        interrupted_within(),
+    ):
         prepare_first_run(settings.backend, display)
         scores = [score_against_truth(one) for one in shots]
         if together:
             kept = None if unfinished is None else Path(unfinished)
             joint = reconstruct_together(shots, settings, display, scores, halt, kept)
-            return Run.of(joint.shot, joint.result, joint.scene, kept)
+            return Run.of(joint.shot, joint.result, joint.scene, None if halt.asked else kept)
         found = pipeline.reconstruct(shots[0], settings, display, scores[0], within, halt)
     return Run.of(shots[0], found.result, found.scene)
 

@@ -86,7 +86,7 @@ def run(
 
             try:
                 opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
-            except (Gs2ciError, KeyboardInterrupt):
+            except (Gs2ciError, KeyboardInterrupt, SystemExit):
                 from gs2ci_calibration.procedures import PROCEDURES
 
                 done = [section.name for section in sections]

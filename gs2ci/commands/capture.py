@@ -17,6 +17,7 @@ from gs2ci.commands.lines import print_table, say, say_what_reconstructs
 if TYPE_CHECKING:
     from gs2ci.api.rigs import OpenRig
     from gs2ci.rig.recording import Prepared
+    from gs2ci_drivers.plan import CapturePlan
 
 
 def run(
@@ -55,10 +56,8 @@ def run(
         The shot file; None for a dry run.
     """
     check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
-    from gs2ci.api.rigs import open_rig
-    from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
-    from gs2ci.rig.until import MOST, CaptureTarget, check_judged
+    from gs2ci.rig.until import CaptureTarget
     from gs2ci_drivers.plan import Mode
 
     if until is not None:
@@ -66,39 +65,69 @@ def run(
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     with answered(json) as answer:
-        with open_rig(rig) as opened:
-            opened.trace_to(None if dry_run else out)
-            opened.log_to(None if dry_run else out)
-            with open_display() as display:
-                asked = MOST if shots is None and until is not None else shots
-                prepared = opened.plan(
-                    shots=asked, seed=seed, calibration=calibration, probe=probe and not dry_run, progress=display
-                )
-            _print_plan(opened, prepared)
-            prepared.plan.require_sound()
-            if until is not None:
-                check_judged(prepared.plan)
-            figures = [{"what": figure.what, "value": figure.value} for figure in prepared.plan.figures]
-            if dry_run:
-                answer({"file": None, "shots": 0, "plan": figures})
-                return None
-            opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved, until=until)
-        bench = opened.rig.bench
-        light = bench.light if bench else None
-        if light is not None and light.plans:
-            last = light.plans[max(light.plans)]
-            say(f"the light path {last.summary()}")
-        if prepared.calibrated is not None:
-            say(f"masks from {prepared.calibrated.bundle.path}")
-            _say_where_masks_were(out, prepared)
-        count, wanted = count_shots(out), prepared.plan.settings.shots
-        if count < wanted and until is None:
-            say(f"{wanted - count} of {wanted} exposures were lost; the file's events name them")
-        say(f"{count} shot{'s' if count > 1 else ''} in ", out)
-        if prepared.plan.settings.mode is not Mode.PER_MASK:
+        plan, count = take(
+            rig,
+            out,
+            dry_run=dry_run,
+            shots=shots,
+            seed=seed,
+            until=until,
+            overwrite=overwrite,
+            calibration=calibration,
+            probe=probe,
+        )
+        if count and plan.settings.mode is not Mode.PER_MASK:
             say_what_reconstructs(out, count, one_scene=True)
-        answer({"file": out, "shots": count, "plan": figures})
-        return out
+        figures = [{"what": figure.what, "value": figure.value} for figure in plan.figures]
+        answer({"file": None if dry_run else out, "shots": count, "plan": figures})
+    return None if dry_run else out
+
+
+def take(
+    rig: Path,
+    out: Path,
+    *,
+    dry_run: bool = False,
+    shots: int | None = None,
+    seed: int | None = None,
+    until: str | None = None,
+    overwrite: bool = False,
+    calibration: Path | None = None,
+    probe: bool = True,
+) -> "tuple[CapturePlan, int]":
+    """Take the exposures and print what came of it; return the plan and how many there are."""
+    from gs2ci.api.rigs import open_rig
+    from gs2ci.core.storage import count_shots
+    from gs2ci.rig.until import MOST, check_judged
+
+    with open_rig(rig) as opened:
+        opened.trace_to(None if dry_run else out)
+        opened.log_to(None if dry_run else out)
+        with open_display() as display:
+            asked = MOST if shots is None and until is not None else shots
+            prepared = opened.plan(
+                shots=asked, seed=seed, calibration=calibration, probe=probe and not dry_run, progress=display
+            )
+        _print_plan(opened, prepared)
+        prepared.plan.require_sound()
+        if until is not None:
+            check_judged(prepared.plan)
+        if dry_run:
+            return prepared.plan, 0
+        opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved, until=until)
+    bench = opened.rig.bench
+    light = bench.light if bench else None
+    if light is not None and light.plans:
+        last = light.plans[max(light.plans)]
+        say(f"the light path {last.summary()}")
+    if prepared.calibrated is not None:
+        say(f"masks from {prepared.calibrated.bundle.path}")
+        _say_where_masks_were(out, prepared)
+    count, wanted = count_shots(out), prepared.plan.settings.shots
+    if count < wanted and until is None:
+        say(f"{wanted - count} of {wanted} exposures were lost; the file's events name them")
+    say(f"{count} shot{'s' if count > 1 else ''} in ", out)
+    return prepared.plan, count
 
 
 def _say_what_can_be_saved(partial: Path) -> None:

@@ -43,5 +43,5 @@ def run(
     rig = demo_rig(output / "rig.toml", **options)
     partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration holds no data worth keeping
     with answered(json):  # the run is the answer
-        capture.run(rig=rig, out=shot, overwrite=True)
+        capture.take(rig, shot, overwrite=True)
     return reconstruct.run(shot, output / "run", overwrite=True, json=json)

@@ -1,7 +1,8 @@
 """Lines and tables that commands print for people. Not here: answers for programs (`answers`), pages."""
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
@@ -42,6 +43,16 @@ def say_what_reconstructs(shots: Path, count: int, *, one_scene: bool) -> None:
         say_next("reconstruct", shots, "--together", "-o", "run/")
     else:
         say_next("reconstruct", shots, "--all", "-o", "runs/")
+
+
+@contextmanager
+def kept_if_interrupted(what: str) -> Iterator[None]:
+    """Say after an interruption that the same command goes on: with all but `what`, which is kept."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        say(f"{what} are kept: the same command goes on with the others", aside=True)
+        raise
 
 
 def print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from gs2ci.api.many import reconstruct_many
 from gs2ci.commands.answers import answered
-from gs2ci.commands.lines import say
+from gs2ci.commands.lines import kept_if_interrupted, say
 from gs2ci.core.errors import Gs2ciError
 
 
@@ -27,7 +27,8 @@ def run_many(files: Sequence[Path], output: Path, *, json: bool, **options: Any)
             the others are complete.
     """
     with answered(json) as answer:
-        rows = reconstruct_many(files, output, **options)
+        with kept_if_interrupted("finished runs"):
+            rows = reconstruct_many(files, output, **options)
         _print(output)
         answer([row.model_dump(mode="json") for row in rows])
     without = [row for row in rows if row.state != "done"]

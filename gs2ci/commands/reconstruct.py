@@ -4,6 +4,7 @@ Here: the arguments, and the order read → reconstruct → write → print. Not
 (`gs2ci.api.reconstruction`).
 """
 
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -18,7 +19,8 @@ from gs2ci.api.shots import exposures_in, named_apart
 from gs2ci.api.summary import print_summary
 from gs2ci.commands.answers import AsJson, answered
 from gs2ci.commands.lines import say
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.halt import Halt, halted_by_interruption
 from gs2ci.reconstruct.choices import MOST_MOMENTS, RuleName
 
 if TYPE_CHECKING:
@@ -47,9 +49,10 @@ def run(
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
-    Ctrl-C during the fit ends the fit: the folder is written with the best result so far and a note that says so, and
-    the exit status is 130. A second Ctrl-C, or one before the fit, writes nothing. A reconstruction with --together
-    keeps what is done beside the output; after a kill, or a failure, the same command goes on from there.
+    Ctrl-C, `kill` or a closed terminal during the fit ends the fit: the folder is written with the best result so far
+    and a note that says so, and the exit status is 130. A second one, or one before the fit, writes nothing. With
+    --together, `kill` and a closed terminal end it at once: what is done is kept beside the output, and the same
+    command goes on from there after any of these, or a failure.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
@@ -73,7 +76,7 @@ def run(
     Raises:
         Gs2ciError: The file, a value or the destination cannot be used; then the
             folder is unchanged.
-        KeyboardInterrupt: The user interrupted; during the fit, the folder is written first.
+        KeyboardInterrupt: The user interrupted; during the fit or later, the folder is written first.
     """
     overrides["density"] = density
     reconstruction.check_overrides(overrides)
@@ -105,9 +108,10 @@ def run(
                 overwrite=overwrite,
                 json=json,
             )
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit):
             if unfinished.is_dir():
-                say(f"what is done is kept in {unfinished}: the same command goes on from there", aside=True)
+                again = "the same command with --overwrite" if output.exists() and not overwrite else "the same command"
+                say(f"what is done is kept in {unfinished}: {again} goes on from there", aside=True)
             raise
     assert not isinstance(index, str)
     if explain_plan:
@@ -171,14 +175,38 @@ def _write_run(
     with answered(json) as answer:
         with open_display() as display:
             found = found_with(display)
+            writing = Halt("The result is being written; a second interruption discards it.")
+            if not found.interrupted:
+                writing.begin()
             display.stage("report")
-            found.save(output, overwrite=overwrite, moments=moments)
+            with halted_by_interruption(writing, display.say):
+                _save(found, output, overwrite=overwrite, moments=moments, else_lost=len(shots) == 1)
         print_summary(output)
         answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
-    if found.interrupted:
-        # The run was written, but the exit status tells a script that it was cut short.
+    if found.interrupted or writing.asked:
+        # The run was written, but the exit status tells a script that it was to end.
         raise KeyboardInterrupt
     return output
+
+
+def _save(found: "Run", output: Path, *, overwrite: bool, moments: int | None, else_lost: bool) -> None:
+    """Write a run; where that is refused after all, and nothing else keeps it, among temporary files.
+
+    Raises:
+        StorageError: It could not be written to its place; says where it is.
+    """
+    try:
+        found.save(output, overwrite=overwrite, moments=moments)
+    except StorageError as error:
+        if not else_lost:
+            raise
+        elsewhere = Path(tempfile.mkdtemp(prefix=f"{output.name}-"))
+        try:
+            found.save(elsewhere, moments=moments)
+        except StorageError:
+            elsewhere.rmdir()
+            raise error from None
+        raise StorageError(error.problem, remedy=f"the run is in {elsewhere}: move it from there") from error
 
 
 def chosen_exposures(files: Sequence[Path], index: int | str | None) -> "list[Shot]":

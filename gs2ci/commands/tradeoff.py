@@ -13,6 +13,7 @@ import tyro
 from gs2ci.api import costs
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.lines import kept_if_interrupted
 from gs2ci.commands.printed_pages import print_pages
 
 
@@ -45,7 +46,8 @@ def run(
     """
     command = shlex.join(["gs2ci", *sys.argv[1:]])
     with answered(json) as answer:
-        made = costs.tradeoff(shot, output, knobs=knobs, report=report, command=command, **options)
+        with kept_if_interrupted("finished trials"):
+            made = costs.tradeoff(shot, output, knobs=knobs, report=report, command=command, **options)
         print_pages(made.text, made.pages)
         answer(
             {"shot": made.found.name, "trials": made.found.rows, "left_out_s": made.found.left_out, "pages": made.pages}

@@ -8,7 +8,6 @@ Here: the order of the stages and their timing. Not here: any stage itself: the 
 
 from dataclasses import dataclass
 
-from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent, said
 from gs2ci.core.records import Shot
@@ -98,7 +97,7 @@ def reconstruct(
         if settings.uncertainty:
             sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
             fits.clock.lap("uncertainty")
-    doubts = (*seen.doubts, *allowed, *said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
+    doubts = (*seen.doubts, *allowed, *halt.told(progress))
     stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
     left = Left(*stages, fits.mask_moments, sure, placement)
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)

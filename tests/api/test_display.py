@@ -229,14 +229,15 @@ def test_the_live_display_fits_eighty_columns():
     assert max(len(line.split("\r")[-1]) for line in console.file.getvalue().splitlines()) <= 80 + len("\x1b[2K") * 4
 
 
-def test_a_stage_that_ends_early_is_finished_at_the_steps_it_took():
+def test_a_stage_that_ends_early_stays_at_the_steps_it_took():
     console = terminal()
     with open_display(console) as display:
         run_through(display)
         display.stage("write", 1)
         display.step(1)
-    last = console.file.getvalue().splitlines()
-    assert any("fit" in line and " 400 " in line and "1000" not in line for line in last)
+    fit = [line for line in console.file.getvalue().splitlines() if line.lstrip("\x1b[2KA\r").startswith("fit")]
+    assert "400/1000" in fit[-1]
+    assert "left" not in fit[-1]
 
 
 def test_a_failing_run_leaves_its_bar_where_it_stood():

@@ -16,7 +16,9 @@ import gs2ci.commands.reconstruct
 from gs2ci import cli, commands
 from gs2ci.api import display
 from gs2ci.api.display import NotebookDisplay, QuietDisplay, interrupted_within, open_display
+from gs2ci.api.runs import Run
 from gs2ci.core.findings import Code
+from gs2ci.evaluate.run_folder import write_run
 from gs2ci.render import devices
 from gs2ci.render.cards import Card, Cuda
 from gs2ci.render.devices import CudaProbe
@@ -259,6 +261,60 @@ def test_a_second_interruption_raises(examples):
     with pytest.raises(KeyboardInterrupt):
         gs2ci.reconstruct("shot.h5", iterations=400, fits=1, progress=Interrupting(after=5, again=True))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("refusals", [1, 2])
+def test_a_run_that_its_place_refuses_in_the_end_is_kept_elsewhere(examples, monkeypatch, tmp_path, capsys, refusals):
+    refused = []
+
+    def full(folder, *arguments, **options):
+        if len(refused) < refusals:
+            refused.append(folder)
+            raise gs2ci.StorageError(f"{folder.name} cannot be written: No space left on device")
+        return write_run(folder, *arguments, **options)
+
+    monkeypatch.setattr("gs2ci.evaluate.run_folder.write_run", full)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["gs2ci", "reconstruct", "shot.h5", "-o", "full", "--preset", "draft"])
+    assert cli.main() == cli.EXIT_USER_ERROR
+    told = capsys.readouterr().err
+    assert "error: full cannot be written: No space left on device\n" in told
+    assert not (examples / "full").exists()
+    if refusals == 1:
+        (kept,) = tmp_path.glob("full-*")
+        assert f"what to do: the run is in {kept}: move it from there\n" in told
+        assert gs2ci.open_run(kept).views.shape[0] == 4
+    else:
+        assert not list(tmp_path.glob("full-*"))
+
+
+class InterruptingLate(gs2ci.Silent):
+    """Presses Ctrl-C at once where the run is about to be written."""
+
+    def __init__(self):
+        super().__init__()
+        self.told = []
+
+    def say(self, text):
+        self.told.append(text)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_run_that_is_being_written_when_it_is_interrupted_is_written_first(examples, monkeypatch, times):
+    listener, save = InterruptingLate(), Run.save
+
+    def interrupted(run, *arguments, **options):
+        for _ in range(times):
+            signal.raise_signal(signal.SIGINT)
+        return save(run, *arguments, **options)
+
+    monkeypatch.setattr(commands.reconstruct, "open_display", lambda: display.shown(listener))
+    monkeypatch.setattr(Run, "save", interrupted)
+    monkeypatch.setattr(sys, "argv", ["gs2ci", "reconstruct", "shot.h5", "-o", "late", "--preset", "draft"])
+    assert cli.main() == cli.EXIT_INTERRUPTED
+    assert listener.told[-1] == "The result is being written; a second interruption discards it."
+    assert (examples / "late").exists() == (times == 1)
+    assert times == 2 or not gs2ci.open_run("late").interrupted
 
 
 def test_an_interrupted_command_writes_its_run_and_says_so_by_its_status(examples, monkeypatch, capsys):

@@ -137,3 +137,12 @@ def test_what_makes_no_sense_is_refused(gs2ci, files, asked, capsys, arguments, 
     assert gs2ci("reconstruct", *files, *arguments) == 2
     assert said in capsys.readouterr().err
     assert not asked
+
+
+def test_an_interrupted_command_says_that_finished_runs_are_kept(gs2ci, files, monkeypatch, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(batch, "reconstruct_many", interrupted)
+    assert gs2ci("reconstruct", *files, "--all", "-o", "runs") == 130
+    assert "finished runs are kept: the same command goes on with the others\n" in capsys.readouterr().err

@@ -2,12 +2,14 @@
 
 import io
 import json
+import signal
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 import gs2ci
+from gs2ci.api import display
 from gs2ci.api.shots import every_exposure
 from gs2ci.api.summary import print_summary
 from gs2ci.commands import evaluate, reconstruct
@@ -82,7 +84,7 @@ def test_a_command_that_fails_in_the_end_goes_on_from_there(folder, files, tmp_p
     assert [path.name for path in tmp_path.iterdir()] == [".run.unfinished"]
     capsys.readouterr()
     reconstruct.run(files[0], output, more=(files[1],), together=True, **QUICK)
-    assert "An unfinished run in" in capsys.readouterr().out
+    assert "goes on: 2 exposures observed, the fit is over." in " ".join(capsys.readouterr().out.split())
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     assert np.array_equal(gs2ci.open_run(output).views, gs2ci.open_run(folder).views)
 
@@ -97,6 +99,33 @@ def test_an_interrupted_command_says_where_it_goes_on(files, tmp_path, monkeypat
         reconstruct.run(files[0], tmp_path / "run", more=(files[1],), together=True, **QUICK)
     kept = tmp_path / ".run.unfinished"
     assert capsys.readouterr().err == f"what is done is kept in {kept}: the same command goes on from there\n"
+
+
+@pytest.mark.slow
+def test_an_interrupted_fit_is_written_and_goes_on_all_the_same(folder, files, tmp_path, monkeypatch, capsys):
+    class Interrupting(gs2ci.Silent):
+        fits = False
+
+        def stage(self, name, total=None):
+            self.fits = name == "fit"
+
+        def step(self, done, **figures):
+            if self.fits and done == 5:
+                signal.raise_signal(signal.SIGINT)
+
+    output = tmp_path / "run"
+    with monkeypatch.context() as patched:
+        patched.setattr(reconstruct, "open_display", lambda: display.shown(Interrupting()))
+        with pytest.raises(KeyboardInterrupt):
+            reconstruct.run(files[0], output, more=(files[1],), together=True, **QUICK)
+    assert gs2ci.open_run(output).interrupted
+    kept = tmp_path / ".run.unfinished"
+    again = f"what is done is kept in {kept}: the same command with --overwrite goes on from there\n"
+    assert capsys.readouterr().err == again
+    reconstruct.run(files[0], output, more=(files[1],), together=True, overwrite=True, **QUICK)
+    assert "An unfinished run in" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert np.array_equal(gs2ci.open_run(output).views, gs2ci.open_run(folder).views)
 
 
 def test_one_exposure_is_never_unfinished(shots, tmp_path):

@@ -183,3 +183,21 @@ def test_exposures_of_a_file_that_has_one_are_refused(measured, tried, tmp_path)
     with pytest.raises(InputError, match="1 exposure"):
         tradeoff.run(measured, tmp_path / "out", knobs=("exposures",))
     assert tried == []
+
+
+def test_an_interrupted_command_goes_on_with_the_trials_that_are_left(measured, tried, tmp_path, monkeypatch, capsys):
+    whole = trials.tried
+
+    def interrupted(shot, trial, seed):
+        if trial.name == "standard":
+            raise KeyboardInterrupt
+        return whole(shot, trial, seed)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(trials, "tried", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
+    assert capsys.readouterr().err == "finished trials are kept: the same command goes on with the others\n"
+    assert tried == ["decode", "draft"]
+    tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
+    assert tried == ["decode", "draft", "standard", "paper"]

@@ -183,7 +183,7 @@ def test_a_name_that_the_disk_cannot_have_is_refused_without_a_traceback(argumen
 
 
 WAITING = """
-import signal, sys, time
+import os, signal, sys, time
 from types import SimpleNamespace
 from gs2ci import cli
 
@@ -213,6 +213,21 @@ def test_a_command_that_is_told_to_end_puts_its_bench_to_rest_first(number):
         rest, _ = child.communicate(timeout=HANG_S)
     assert rest == "put to rest\n"
     assert child.returncode == 128 + number
+
+
+def test_a_command_whose_terminal_was_closed_puts_its_bench_to_rest():
+    """It refuses what is printed on the way, and a shell and the system both send the signal: neither ends the rest."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ours, terminal = os.openpty()
+    lines = WAITING.replace(
+        'print("put to rest", flush=True)', 'os.kill(os.getpid(), 1); print("resting", flush=True); sys.exit(77)'
+    )
+    with subprocess.Popen([sys.executable, "-c", lines], env=environment, stdout=terminal, stderr=terminal) as child:
+        os.close(terminal)
+        assert os.read(ours, 5) == b"ready"
+        os.close(ours)
+        child.send_signal(signal.SIGHUP)
+        assert child.wait(HANG_S) == 77
 
 
 def test_a_folder_is_not_called_a_missing_file(tmp_path, monkeypatch, capsys):

@@ -75,11 +75,13 @@ class LiveDisplay(StageDisplay):
             self._bars.update(self._task, completed=stage.done, total=stage.total)
 
     def _ended(self, stage: RunningStage) -> None:
+        planned = stage.total
         stage.end(self._clock.now_s())
         self._bars.figures = ""
-        # Ended before its last step: the steps done become its total.
-        total = stage.done or 1
-        self._bars.update(self._task, completed=total, total=total)
+        # Ended before its last step, its bar stays where it stood.
+        total = planned if planned and stage.done else stage.done or 1
+        self._bars.update(self._task, completed=stage.done or 1, total=total)
+        self._bars.stop_task(self._task)
 
 
 class _Bars(Progress):
@@ -111,6 +113,6 @@ class _Time(ProgressColumn):
     def render(self, task: Task) -> Text:
         """Write it."""
         taken, left_s = f"{task.finished_time or task.elapsed or 0.0:.1f} s", task.time_remaining
-        if task.finished or left_s is None:
+        if task.finished or task.stop_time is not None or left_s is None:
             return Text(taken)
         return Text(f"{taken}, {spoken_duration(left_s)} left", style="cyan")

@@ -41,8 +41,10 @@ _EVEN: Final = 0.6
 _FLAT: Final = 0.12
 # No leak or blur of masks that anyone uses leaves less than this of the slope.
 _STEEP_LEAST: Final = 0.75
-# Readings that went round, put back, leave less than this of what was unexplained, if so many did.
+# Readings that went round, put back, leave less than this of what was unexplained, if so many did; undoing a curve
+# makes more than so many times of it (3 and more; 1.5 where a curve is what it was).
 _PUT_BACK: Final = 0.8
+_STRETCHED: Final = 2.0
 _FEWEST_ROUND: Final = 3e-4
 _PILE_UP: Final = 5e-4
 _FEWEST_PILED: Final = 4
@@ -243,6 +245,14 @@ def _gone_round(question: LightQuestion, found: Growth | None, guesses: list[str
     if better is None or better.unexplained > _PUT_BACK * found.unexplained:
         return None
     if not _is_line(better, clipped=False) or _distance(better) > _distance(found):
+        return None
+    # Bright places that a curve has squeezed look as if some had gone round; nothing smooth undoes what has, but
+    # stretches its jumps.
+    smooth = [grown for curve in (*DISPLAY_CURVES, *LOGARITHMS) if (grown := question.grow(curve)) is not None]
+    smooth = [
+        one for one in smooth if _is_undone(one, clipped=False) and one.unexplained < _STRETCHED * found.unexplained
+    ]
+    if any(_distance(one) < _distance(better) for one in smooth):
         return None
     doubt = "" if _is_undone(better, clipped=False) else ": too many for all to be put back, and views will be wrong"
     guesses.append(

@@ -421,7 +421,7 @@ def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
             raise StorageError(
                 f"{path}: shot {index} differs from shot 0 in {', '.join(different)}",
                 allowed="shots of one camera and as many views each",
-                remedy="write one file for each, by its --index",
+                remedy="write a file for each",
             )
 
 

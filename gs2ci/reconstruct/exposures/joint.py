@@ -194,7 +194,7 @@ def reconstruct_together(
         fit = _fitted(placed, settings, Monitoring(progress, clock.began_s, halt), kept, tools.backend)
         clock.lap("fit")
         joint = _handed_over(placed, where, fit, settings, tools.backend, progress, clock, None if halt.asked else kept)
-    notes = (*where_rendered.notes, *repeating, *joint.result.notes)
+    notes = (*where_rendered.notes, *repeating, *joint.result.notes, *halt.told(progress))
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
 

@@ -262,8 +262,8 @@ class Unfinished:
         self.before_s = self.load("clock") or 0.0
         if own:
             observed = sum(name.startswith("exposure") for name in own)
-            state = "the fit has begun" if "fit.kept" in own else "nothing is fitted yet"
-            progress.say(f"An unfinished run in {self.folder} goes on: {observed} exposures are observed, {state}.")
+            state = "is over" if "part-000.kept" in own else "has begun" if "fit.kept" in own else "has not begun"
+            progress.say(f"An unfinished run in {self.folder} goes on: {observed} exposures observed, the fit {state}.")
         elif others:
             progress.say(f"What {self.folder} kept is of other exposures, settings or version, and is not used.")
 

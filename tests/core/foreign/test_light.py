@@ -165,6 +165,14 @@ def test_what_the_user_says_of_the_readings_is_done(bench, take, said):
     assert said(around, "went round after 256 were put back, as stated")
 
 
+def test_what_a_curve_has_squeezed_has_not_gone_round(take):
+    """A logarithm of 8 bits: a fifth of its readings were "put back"."""
+    drawn = forms.spoiled(np.random.default_rng([10, 4]), "log")
+    imported = take(meas=drawn.measurement, masks=drawn.masks, **({"cfa": drawn.cfa} if drawn.cfa else {}))
+    assert imported.shots[0].provenance["undone"] is None
+    assert any("as a logarithm does" in one for one in wrong(imported))
+
+
 def test_an_overflow_that_cannot_be_is_refused(bench, take):
     masks, meas = bench()
     with pytest.raises(InputError, match=r"--curve overflow, but no range.*leave --curve out"):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.findings import Code
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.exposures import joint, unfinished
@@ -228,6 +229,7 @@ def test_what_was_asked_to_end_early_is_not_kept_as_done(tmp_path, whole):
 
     ended = run(tmp_path / "kept", Asks(), halt=halt).result
     assert ended.curve[-1].iteration == 21
+    assert [note.code for note in ended.notes if note.code is Code.INTERRUPTED] == [Code.INTERRUPTED]
     assert not list((tmp_path / "kept").glob("part*"))
     assert numbers(run(tmp_path / "kept").result) == whole
 
