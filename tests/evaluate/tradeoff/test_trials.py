@@ -161,9 +161,12 @@ def test_a_trial_holds_out_no_pixel_that_registration_averaged(photograph, monke
 @pytest.mark.parametrize("name", ["decode", "standard", "half the resolution"])
 def test_views_are_judged_through_the_masks_that_registration_found(photograph, name):
     beside = replace(photograph, masks=np.roll(photograph.masks, (1, -1), axis=(1, 2)))
-    right, found = tried(photograph, quick(name), seed=1), tried(beside, quick(name), seed=1)
-    assert found["psnr_db"] > right["psnr_db"] - 1
-    assert found["heldout_db"] > right["heldout_db"] - 2
+    right, found = tried(register(beside).shot, quick(name), seed=1), tried(beside, quick(name), seed=1)
+    assert found["psnr_db"] == pytest.approx(right["psnr_db"], abs=0.1)
+    assert found["heldout_db"] == pytest.approx(right["heldout_db"], abs=0.1)
+    # The views of so short a fit move by 1 dB where masks differ by a thousandth.
+    exact = tried(photograph, quick(name), seed=1)
+    assert found["psnr_db"] > exact["psnr_db"] - 2
 
 
 def test_settings_that_do_not_register_are_judged_by_the_masks_as_stated(photograph):
