@@ -410,7 +410,7 @@ def test_what_is_asked_while_the_bench_ends_is_refused(make_live, monkeypatch):
 
 
 def test_a_camera_without_an_exposure_control_has_no_longest_exposure(make_live, monkeypatch):
-    monkeypatch.setattr(OpenCamera, "_exposure_control", lambda camera, width: None)
+    monkeypatch.setattr(OpenCamera, "_exposure_control", lambda camera, *given: None)
     bench = make_live()
     state = bench.view().state
     assert state["exposure_limits_s"] == [0.0, None]
