@@ -4,6 +4,7 @@ Here: drawing or reading codes at the sensor's resolution, and laying them out o
 measuring the masks as the sensor sees them (`gs2ci_calibration`).
 """
 
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -23,10 +24,13 @@ SPREAD_FROM: Final = 1.9
 and the masks' sum would lose the pattern by which they are found in a reading."""
 
 ROUNDS: Final = 2
-"""Of the search for even masks. The second lowers the density about open elements by 3 %, a third by 1 %."""
+"""Of the search for even masks: a third gives nothing."""
 
 NEAR: Final = {-2: 1, -1: 4, 0: 6, 1: 4, 2: 1}
 """How elements count as near, along rows and columns: whole numbers, so that a seed gives the same masks anywhere."""
+
+STEPS: Final = (1, 2)
+"""From element to element: of all, and of those of one colour of a mosaic, which has to be covered evenly as well."""
 
 
 def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
@@ -77,16 +81,17 @@ def _even(masks: Bool, rng: np.random.Generator) -> Bool:
         times.flat[rng.choice(closed, count, replace=False)] += 1
         times.flat[rng.choice(shared, count, replace=False)] -= 1
     even = masks.copy()
+    apart = 2 * max(STEPS)
     for _ in range(ROUNDS):
-        # Neighbours are not chosen at once.
-        for row, column in rng.permutation([(0, 0), (0, 1), (1, 0), (1, 1)]):
-            some = np.s_[:, row::2, column::2]
-            near = even.astype(np.int16)
-            for axis in (1, 2):
-                near = np.sum([w * np.roll(near, k, axis) for k, w in NEAR.items()], axis=0, dtype=np.int16)
-            near = near[some]
-            # An element does not count as near itself; among equals chance decides.
-            order = near - NEAR[0] ** 2 * even[some] + rng.random(near.shape, np.float32)
+        # What is chosen at once is not near each other.
+        for row, column in rng.permutation(list(product(range(apart), repeat=2))):
+            some = np.s_[:, row::apart, column::apart]
+            around = np.pad(even, ((0, 0), (apart, apart), (apart, apart)), mode="wrap")
+            order = rng.random(even[some].shape, np.float32)  # among equals chance decides
+            for step, (down, high), (right, wide) in product(STEPS, NEAR.items(), NEAR.items()):
+                if down or right:
+                    near = around[:, apart + row + step * down :: apart, apart + column + step * right :: apart]
+                    order += np.float32(high * wide) * near[:, : order.shape[1], : order.shape[2]]
             even[some] = order.argsort(axis=0).argsort(axis=0) < times[some[1:]]
     return even
 
