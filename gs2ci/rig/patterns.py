@@ -24,7 +24,7 @@ SPREAD_FROM: Final = 1.9
 and the masks' sum would lose the pattern by which they are found in a reading."""
 
 ROUNDS: Final = 2
-"""Of the search for even masks: a third gives nothing."""
+"""Of the search for even masks: a third gives 0.02 dB at most."""
 
 NEAR: Final = {-2: 1, -1: 4, 0: 6, 1: 4, 2: 1}
 """How elements count as near, along rows and columns: whole numbers, so that a seed gives the same masks anywhere."""
