@@ -11,10 +11,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from gs2ci.core.findings import Code, Findings, finding
-from gs2ci.core.progress import Progress, said
+if TYPE_CHECKING:
+    from gs2ci.core.findings import Findings
+    from gs2ci.core.progress import Progress
 
 ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
@@ -51,8 +52,12 @@ class Halt:
         self._asked.set()
         return True
 
-    def told(self, progress: Progress) -> Findings:
+    def told(self, progress: "Progress") -> "Findings":
         """Report that an early end was requested, if it was."""
+        # Every command sets the handlers as it starts, and few come to a finding.
+        from gs2ci.core.findings import Code, finding  # noqa: PLC0415
+        from gs2ci.core.progress import said  # noqa: PLC0415
+
         return said((finding(Code.INTERRUPTED),) if self.asked else (), progress)
 
 

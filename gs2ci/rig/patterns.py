@@ -92,7 +92,7 @@ def _even(masks: Bool, rng: np.random.Generator) -> Bool:
                 if down or right:
                     near = around[:, apart + row + step * down :: apart, apart + column + step * right :: apart]
                     order += np.float32(high * wide) * near[:, : order.shape[1], : order.shape[2]]
-            even[some] = order.argsort(axis=0).argsort(axis=0) < times[some[1:]]
+            even[some] = order.argsort(axis=0, kind="stable").argsort(axis=0) < times[some[1:]]
     return even
 
 
