@@ -86,12 +86,17 @@ def _even(masks: Bool, rng: np.random.Generator) -> Bool:
         # What is chosen at once is not near each other.
         for row, column in rng.permutation(list(product(range(apart), repeat=2))):
             some = np.s_[:, row::apart, column::apart]
-            around = np.pad(even, ((0, 0), (apart, apart), (apart, apart)), mode="wrap")
-            order = rng.random(even[some].shape, np.float32)  # among equals chance decides
-            for step, (down, high), (right, wide) in product(STEPS, NEAR.items(), NEAR.items()):
-                if down or right:
-                    near = around[:, apart + row + step * down :: apart, apart + column + step * right :: apart]
-                    order += np.float32(high * wide) * near[:, : order.shape[1], : order.shape[2]]
+            around = np.pad(even, ((0, 0), (apart, apart), (apart, apart)), mode="wrap").view(np.uint8)
+            shape = even[some].shape
+            near = np.zeros(shape, np.uint16)
+            for step in STEPS:
+                in_rows = np.zeros((*around.shape[:2], shape[2]), np.uint8)
+                for right, wide in NEAR.items():
+                    in_rows += np.uint8(wide) * around[..., apart + column + step * right :: apart][..., : shape[2]]
+                for down, high in NEAR.items():
+                    near += np.uint16(high) * in_rows[:, apart + row + step * down :: apart][:, : shape[1]]
+                near -= np.uint16(NEAR[0] ** 2) * even[some]
+            order = near + rng.random(shape, np.float32)  # among equals chance decides
             even[some] = order.argsort(axis=0, kind="stable").argsort(axis=0) < times[some[1:]]
     return even
 
