@@ -25,6 +25,7 @@ class Alp(IntEnum):
     VERSION = 2001
     DEV_STATE = 2002
     AVAIL_MEMORY = 2003
+    DEV_DMDTYPE = 2021
     DEV_DYN_SYNCH_OUT1_GATE = 2023
     DDC_FPGA_TEMPERATURE = 2050
     APPS_FPGA_TEMPERATURE = 2051
@@ -45,6 +46,11 @@ class Alp(IntEnum):
 
 POWER_FLOAT: Final = 1
 """Value of DEV_DMD_MODE: the mirrors are released, and show nothing."""
+NO_MIRRORS: Final = 255
+"""Value of DEV_DMDTYPE: no mirror device is connected, and the board behaves as with one of 1920 x 1080."""
+SIZES: Final = {3: (1080, 1920), **dict.fromkeys((4, 5, 6), (768, 1024)), 7: (1200, 1920)}
+"""Value of DEV_DMDTYPE -> rows and columns, for libraries that do not tell them ("old API versions did not support
+ALP_DEV_DISPLAY_WIDTH and _HEIGHT": ViALUX's samples)."""
 MSB_ALIGN: Final = 0
 """Value of DATA_FORMAT: one byte per mirror, of which the highest bit counts for binary pictures."""
 GONE: Final = (Alp.NOT_ONLINE, Alp.ERROR_COMM, Alp.DEVICE_REMOVED)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.alp.codes import GONE, MEANINGS, MSB_ALIGN, POWER_FLOAT, Alp, gate
+from gs2ci_drivers.alp.codes import GONE, MEANINGS, MSB_ALIGN, NO_MIRRORS, POWER_FLOAT, SIZES, Alp, gate
 from gs2ci_drivers.alp.layout import AlpPictures, lay_out
 from gs2ci_drivers.alp.options import AlpOptions
 from gs2ci_drivers.failures import (
@@ -78,7 +78,7 @@ class AlpModulator(Modulator):
 
     def _do_connect(self) -> ModulatorInfo:
         self._device = self._ask("AlpDevAlloc", [self.settings.serial, 0], "take the device")
-        height, width = (self._inquire(one) for one in (Alp.DEV_DISPLAY_HEIGHT, Alp.DEV_DISPLAY_WIDTH))
+        height, width = self._size()
         shortest_us, longest_us, dark_us = self._limits_us()
         return ModulatorInfo(
             model=f"ViALUX ALP-{self.settings.version}",
@@ -98,6 +98,23 @@ class AlpModulator(Modulator):
             experimental=True,
             whole_pauses=True,
         )
+
+    def _size(self) -> tuple[int, int]:
+        """Return rows and columns of the mirrors, by their type where the library does not tell them."""
+        kind = self._inquire(Alp.DEV_DMDTYPE)
+        if kind == NO_MIRRORS:
+            raise DeviceFaultError(
+                self.name,
+                "connect",
+                ["no mirror device is connected to the board (ALP_DMDTYPE_DISCONNECT)"],
+                remedy="check its flat cable, then switch the board off and on",
+            )
+        try:
+            return self._inquire(Alp.DEV_DISPLAY_HEIGHT), self._inquire(Alp.DEV_DISPLAY_WIDTH)
+        except RefusedError:
+            if kind not in SIZES:
+                raise
+            return SIZES[kind]
 
     def _limits_us(self) -> tuple[int, int, int]:
         """Return shortest and longest picture time and the least dark time, which are a sequence's: one is made."""

@@ -61,6 +61,7 @@ _EXCHANGE_S: Final = 2e-3
 _FIXED_EXCHANGES: Final = 22
 # The start command and its answer over USB; a capture corrects this figure by its first frame.
 _TYPICAL_START_S: Final = 5e-3
+_BY_SEQUENCER: Final = 8  # of the LED enables: "ignore the other LED enable settings" (API.c, DLPC900_SetLedEnables)
 _TELLS_LEAST_SINCE: Final = 6  # major version of the firmware
 _TELLS_NOTHING: Final = (0,) * 8
 _UNSETTLED: Final = "trigger_out_2_bit is not stated"
@@ -240,6 +241,7 @@ class Dlpc900(Modulator):
         self._channel.take_error()
         self._wake()
         keep = not self._unflip() and keep
+        self._free_lamp()
         self._configure(sequence)
         if not keep:
             self._send_images(images, progress)
@@ -285,6 +287,14 @@ class Dlpc900(Modulator):
                 )
                 found = True
         return found
+
+    def _free_lamp(self) -> None:
+        """Have a switched lamp follow the masks: another program may have left it on or off."""
+        if self.settings.lamp != "switched":
+            return
+        if not self._channel.read(Command.LED_ENABLES, "read the LED enables")[0] & _BY_SEQUENCER:
+            self._channel.write(Command.LED_ENABLES, bytes([_BY_SEQUENCER]), "have the LED enables follow the masks")
+            self.incidents.append(f"{self.name}: another program held the LED enables, which follow the masks again")
 
     def _configure(self, sequence: PatternSequence) -> None:
         channel, settings = self._channel, self.settings

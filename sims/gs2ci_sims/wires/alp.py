@@ -80,6 +80,9 @@ class AlpTwin(Plugged["_Session"]):
         height: Rows.
         width: Columns.
         memory: Binary pictures that fit.
+        kind: Type of its mirrors; 255 without any, where a board behaves as with 1920 x 1080 ("behaves like 1080p").
+        tells_size: Whether the library knows its size ("old API versions did not support ALP_DEV_DISPLAY_WIDTH and
+            _HEIGHT": ViALUX's samples).
         temperature_c: Of its board; None for a board without sensors.
     """
 
@@ -92,11 +95,15 @@ class AlpTwin(Plugged["_Session"]):
         height: int = 768,
         width: int = 1024,
         memory: int = 43_690,
+        kind: int = 4,
+        tells_size: bool = True,
         temperature_c: float | None = 36.5,
     ) -> None:
         super().__init__(faults)
         self.world = world
-        self.size = (height, width)
+        self.size = (1080, 1920) if kind == 255 else (height, width)
+        self.kind = kind
+        self.tells_size = tells_size
         self.memory = memory
         self.temperature_c = temperature_c
         self._line = f"{name}.out"
@@ -194,11 +201,11 @@ class AlpTwin(Plugged["_Session"]):
             2001: 0x0403,
             2002: 1102 if self._shown is None else 1100,
             2003: self.memory - used,
-            2021: 4,
-            2057: self.size[0],
-            2058: self.size[1],
+            2021: self.kind,
             2064: int(self.floating),
         }
+        if self.tells_size:
+            known |= {2057: self.size[0], 2058: self.size[1]}
         if self.temperature_c is not None:
             known |= dict.fromkeys((2050, 2051, 2052), round(self.temperature_c * 256))
         return _known(known, numbers[0])

@@ -93,6 +93,7 @@ class Firmware:
             0x0201: self._write_idle,
             0x1008: lambda data: _require(len(data) == 1 and data[0] <= 1, 6),
             0x1009: lambda data: _require(len(data) == 1 and data[0] <= 1, 6),
+            0x1A07: lambda data: _require(len(data) == 1, 6),
             0x1A1B: self._write_mode,
             0x1A1D: lambda data: self._write_output(0, data),
             0x1A1E: lambda data: self._write_output(1, data),
@@ -134,6 +135,7 @@ class Firmware:
             0x0201: b"\0",
             0x1008: b"\0",
             0x1009: b"\0",
+            0x1A07: b"\x08",
             0x1A1B: b"\0",
             0x1A1D: bytes(5),
             0x1A1E: bytes(5),
@@ -354,7 +356,10 @@ class Firmware:
     def _step(self, entry: Entry) -> Step:
         levels: U8 | U16 = self._plane(entry)
         top = (1 << entry.depth) - 1
-        if self.lamp == "continuous" and entry.depth > 1:
+        # Bit 3 of the LED enables off: the lamp stays as it is put, whatever the sequencer does.
+        if self._settings[0x1A07][0] & 0xF == 0 and self.lamp == "switched":
+            levels = np.zeros_like(levels)
+        elif (self.lamp == "continuous" or not self._settings[0x1A07][0] & 8) and entry.depth > 1:
             levels, top = light_of(self._plane(entry), entry.depth, entry.exposure_us * 1e-6), FULL
         return Step(
             levels=levels,

@@ -15,6 +15,7 @@ COMMAND_NAMES: Final[dict[int, str]] = {
     0x0205: "versions",
     0x0206: "hardware type",
     0x1100: "curtain colour",
+    0x1A07: "LED enables",
     0x1A0A: "hardware status",
     0x1A0B: "system status",
     0x1008: "flip long axis",

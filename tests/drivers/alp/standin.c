@@ -64,6 +64,7 @@ int32_t AlpDevInquire(uint32_t device, int32_t kind, int32_t *value) {
     case 2002: *value = busy() ? 1100 : 1102; break;
     case 2003: *value = MEMORY - stored(); break;
     case 2050: case 2051: *value = temperature; break;
+    case 2021: *value = 4; break;
     case 2057: *value = HEIGHT; break;
     case 2058: *value = WIDTH; break;
     case 2064: *value = 0; break;

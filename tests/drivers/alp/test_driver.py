@@ -130,6 +130,20 @@ def test_a_device_of_another_program_is_not_taken():
         made.modulator.connect()
 
 
+def test_a_board_without_mirrors_is_not_used_as_one_with_1080_rows():
+    with pytest.raises(DeviceFaultError, match="no mirror device is connected"):
+        bench(kind=255)
+
+
+def test_where_the_library_tells_no_size_the_type_of_the_mirrors_does():
+    world = World()
+    twin = AlpTwin(world, kind=3, height=1080, width=1920, tells_size=False)
+    info = ModulatorBench(AlpModulator, "dmd0", twin, world).modulator.connect()
+    assert (info.height, info.width) == (1080, 1920)
+    with pytest.raises(RefusedError, match="1005"):
+        bench(kind=12, tells_size=False)
+
+
 def test_mirrors_that_float_are_a_fault():
     one = bench()
     one.modulator.upload(SEQUENCE)

@@ -65,6 +65,25 @@ def test_the_twins_mirrors_give_that_light_through_the_driver():
     np.testing.assert_array_equal(shown("continuous", binary, 1), shown("switched", binary, 1))
 
 
+@pytest.mark.parametrize("left", [0, 7])
+@pytest.mark.parametrize(("lamp", "factor"), [("switched", 1.0), ("", None)])
+def test_a_switched_lamp_follows_the_masks_again_whatever_another_program_left(left, lamp, factor):
+    masks = np.full((1, 768, 1024), 7, np.uint8)
+    world = World()
+    twin = Dlpc900Twin(world, dmd=5)
+    twin.firmware.write(0x1A07, bytes([left]))
+    dmd = Dlpc900("dmd0", twin.open(), world.clock, Dlpc900Options(lamp=lamp, trigger_out_2_bit="disables"))
+    dmd.connect()
+    dmd.upload(PatternSequence(masks, 8, 5e-3, trigger=TriggerOut.NONE))
+    (light,) = set(twin.firmware._step(twin.firmware.table[0]).levels.flat)
+    top = twin.firmware._step(twin.firmware.table[0]).top
+    if factor:
+        assert light / top == pytest.approx(7 / 255)
+        assert any("LED enables" in text for text in dmd.incidents)
+    else:
+        assert light / top == pytest.approx(3 * LOAD_S / 5e-3, abs=1e-4) if left else light == 0
+
+
 GREY = replace(MODULATOR, grey_unsettled="its lamp stays on")
 LEVELS = np.arange(4 * 6 * 8, dtype=np.uint8).reshape(4, 6, 8)[:2]
 
