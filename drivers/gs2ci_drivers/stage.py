@@ -30,6 +30,8 @@ from gs2ci_drivers.failures import (
     WrongStateError,
 )
 
+HOME_S = 120.0
+"""The least time that a stage gets for its homing."""
 STANDS = "the stage may still carry the move out: cut its power before you reach in"
 
 
@@ -77,10 +79,14 @@ class Stage(Device[StageInfo, StageStatus]):
     `close` does not stop a move.
     """
 
-    def home(self, axes: Sequence[str] = (), *, timeout_s: float = 120.0) -> dict[str, float]:
+    def home(self, axes: Sequence[str] = (), *, timeout_s: float | None = None) -> dict[str, float]:
         """Find the reference of these axes (all when none are named); return all positions in mm.
 
         If it fails or is interrupted, the stage is stopped.
+
+        Args:
+            axes: Names of the axes.
+            timeout_s: Deadline; None takes `HOME_S`, or longer where the device's own speed of homing is lower.
 
         Raises:
             OutOfRangeError: No such axis.
@@ -89,6 +95,8 @@ class Stage(Device[StageInfo, StageStatus]):
         """
         names = self._axes(axes)
         try:
+            if timeout_s is None:
+                timeout_s = max(HOME_S, self._do_home_time_s(names))
             self._do_home(names, timeout_s)
         except BaseException:
             with suppress(DriverError):
@@ -319,6 +327,10 @@ class Stage(Device[StageInfo, StageStatus]):
     @abstractmethod
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         """Find the reference and wait for it."""
+
+    def _do_home_time_s(self, axes: tuple[str, ...]) -> float:
+        """Return how long homing may take, by its speed; overridden where the device tells that."""
+        return 0.0
 
     @abstractmethod
     def _do_begin_move(self, targets_mm: Mapping[str, float], speed_mm_s: float) -> None:

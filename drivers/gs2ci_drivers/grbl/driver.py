@@ -66,6 +66,11 @@ OWN_AXES = (
     "homing drives z first and then x and y together, which a stage without these switches cannot end: build GRBL with "
     "HOMING_CYCLE_0 for its own axes only, or with HOMING_SINGLE_AXIS_COMMANDS"
 )
+SEEK, TRAVEL, SEARCH = 25, 130, 1.5
+"""Homing looks for a switch over so many times the travel at $25, 500 mm/min as delivered (limits.c,
+HOMING_AXIS_SEARCH_SCALAR)."""
+LOCATE_S = 60.0
+"""For what follows at $24."""
 RESET_AT_CONTROLLER = "press reset at the controller, or switch it off and on; then home the stage"
 
 
@@ -176,6 +181,13 @@ class GrblStage(Stage):
         self._homing = self._link.restarted = False
         self._homed, self._link.alarm, self._link.suspicion = True, None, ""
         self._rest.settle(self._machine_mm(self._link.status("home")))
+
+    def _do_home_time_s(self, axes: tuple[str, ...]) -> float:
+        settings = self._build.settings
+        if SEEK not in settings:  # FluidNC
+            return 0.0
+        travel_mm = sum(settings.get(TRAVEL + i, 0.0) for i in range(len(LETTERS)))
+        return LOCATE_S + SEARCH * travel_mm / max(settings[SEEK] / 60.0, 1e-3)
 
     def _send_homes(self, commands: list[str], timeout_s: float) -> None:
         """Home axis by axis, or all together where FluidNC's configuration (allow_single_axis) forbids that."""

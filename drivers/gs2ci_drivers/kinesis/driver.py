@@ -53,12 +53,14 @@ from gs2ci_drivers.kinesis.packets import (
     set_speed,
     short,
 )
-from gs2ci_drivers.kinesis.stages import BRUSHLESS_SAMPLE_S, STAGES
+from gs2ci_drivers.kinesis.stages import BRUSHLESS_SAMPLE_S, STAGES, StageModel
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import Stage, StageInfo, StageStatus
 
 POLL_S = 0.02
 STOP_TIMEOUT_S = 5.0
+HOME_WAY, HOME_SPARE_S = 1.5, 30.0
+"""Of the travel, at the speed of homing, and what follows: the way back from the switch."""
 BEGIN_S = 0.1
 """How long after a request the status may not show the motion yet."""
 ARRIVAL_MM = 2e-3
@@ -181,6 +183,15 @@ class KinesisStage(Stage):
                 [f"axis {axis} is at rest without a reference" for axis in missed],
                 remedy="look for an obstacle on the stage, then home it again",
             )
+
+    def _do_home_time_s(self, axes: tuple[str, ...]) -> float:
+        # They home together, each at a speed of its own, which another program may have set.
+        return max(self._home_time_s(self._models[axis], self._dest[axis]) for axis in axes)
+
+    def _home_time_s(self, model: StageModel, dest: int) -> float:
+        data = self._link.ask(Message.MOT_REQ_HOMEPARAMS, dest, 14).data
+        speed = abs(struct.unpack_from("<HHHi", data)[3]) * model.speed_unit_mm_s
+        return HOME_SPARE_S + HOME_WAY * model.travel_mm / speed if speed else 0.0
 
     def _do_begin_move(self, targets_mm: Mapping[str, float], speed_mm_s: float) -> None:
         self._targets = {axis: self._models[axis].counts(target) for axis, target in targets_mm.items()}

@@ -37,7 +37,6 @@ from gs2ci_sims.world import VirtualClock, World
 STATUS_S: Final = 10e-3
 UPDATE_S: Final = 0.1
 MOST_UPDATES: Final = 50
-HOMING_SHARE: Final = 0.5
 _FLAG_FORWARD, _FLAG_REVERSE, _FLAG_HOMING, _FLAG_HOMED = 0x10, 0x20, 0x200, 0x400
 _FLAG_CONNECTED, _FLAG_SETTLED, _FLAG_ERROR, _FLAG_ON = 0x100, 0x2000, 0x4000, 0x80000000
 
@@ -56,6 +55,7 @@ class AptAxis:
         mechanics: The errors between counted and true position.
         overshoot_mm: Backlash distance at power-up; direct drives have none.
         part: Part number in its plug.
+        home_mm_s: Speed of homing; 0 takes half that of moves.
     """
 
     counts_per_mm: float = 20000.0
@@ -67,6 +67,7 @@ class AptAxis:
     mechanics: Mechanics = field(default_factory=Mechanics)
     overshoot_mm: float = 0.0
     part: str = "MLS203"
+    home_mm_s: float = 0.0
 
     @property
     def speed_unit(self) -> float:
@@ -116,6 +117,7 @@ class _Axis:
     def reset_settings(self) -> None:
         self.speed = round(self.built.speed_mm_s * self.built.speed_unit)
         self.acceleration = round(self.built.acceleration_mm_s2 * self.built.acceleration_unit)
+        self.home_speed = round((self.built.home_mm_s or self.built.speed_mm_s / 2) * self.built.speed_unit)
         self.overshoot = round(self.built.overshoot_mm * self.built.counts_per_mm)
 
     def counts(self, now_s: float) -> int:
@@ -236,6 +238,7 @@ class KinesisTwin(SerialTwin):
             0x0429: lambda: self._answer(0x042A, dest, struct.pack("<HI", 1, axis.bits(self.clock.now_s()))),
             0x043A: lambda: setattr(axis, "overshoot", struct.unpack_from("<Hi", body)[1]),
             0x043B: lambda: self._answer(0x043C, dest, struct.pack("<Hi", 1, axis.overshoot)),
+            0x0441: lambda: self._answer(0x0442, dest, struct.pack("<HHHii", 1, 2, 1, axis.home_speed, 0)),
             0x0443: lambda: self._home(dest, axis),
             0x0453: lambda: self._move(dest, axis, struct.unpack_from("<Hi", body)[1]),
             0x0465: lambda: self._stop(dest, axis, at_once=second == 1),
@@ -273,7 +276,7 @@ class KinesisTwin(SerialTwin):
             return
         now_s = self.clock.now_s()
         axis.homed, axis.homing, axis.error = False, True, 0
-        ends_s = self._begin(axis, 0.0, axis.speed / axis.built.speed_unit * HOMING_SHARE, now_s)
+        ends_s = self._begin(axis, 0.0, axis.home_speed / axis.built.speed_unit, now_s)
 
         def arrive() -> None:
             if axis.homing and axis.motion.ends_s == ends_s:

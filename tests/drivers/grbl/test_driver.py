@@ -317,6 +317,14 @@ def test_a_homing_that_takes_too_long_is_stopped():
     assert stage.status().referenced
 
 
+def test_a_homing_that_is_slow_by_its_settings_is_waited_for():
+    clock, _, stage = make(GrblMachine(homed=False, settings={25: 60.0, 130: 400.0, 132: 1.0}))
+    stage.connect()
+    stage.home()
+    assert clock.now_s() > 130.0
+    assert stage.status().referenced
+
+
 def test_a_homing_that_is_refused_resets_nothing():
     _, twin, stage = make()
     stage.connect()

@@ -1,5 +1,7 @@
 """The Kinesis driver on its twin: what Thorlabs' controllers do where one would guess otherwise."""
 
+from dataclasses import replace
+
 import pytest
 from pydantic import ValidationError
 
@@ -92,6 +94,17 @@ def test_a_homing_that_finds_nothing_is_an_error():
     clock.after(2.0, lambda: twin._stop(0x50, twin._axes["x"], at_once=True))
     with pytest.raises(MoveFailedError, match="without a reference"):
         stage.home()
+
+
+def test_a_homing_that_is_slow_by_the_controllers_own_setting_is_waited_for():
+    built = replace(BUILT["LTS300"], start_mm=290.0, home_mm_s=2.0)
+    clock, _, stage = make({"x": built}, KinesisOptions(stages={"x": "LTS300"}), homed=False)
+    stage.connect()
+    assert stage.home() == {"x": 0.0}
+    assert clock.now_s() > 145.0
+    stage.move_to({"x": 290.0})
+    with pytest.raises(NoAnswerError, match="home: arrival"):
+        stage.home(timeout_s=120.0)
 
 
 def test_end_of_move_messages_are_not_relied_on():
