@@ -1,6 +1,6 @@
 """External triggers: V4L2 has no standard control for them, so each kind of kernel driver gets an adapter.
 
-    ModuleTrigger    /sys/module/<module>/parameters/trigger_mode      imx296, ov9282, ov7251, ar0234 ...
+    ModuleTrigger    /sys/module/<module>/parameters/trigger_mode      imx296, imx477, ov7251, ar0234 ...
     ControlTrigger   a private control found by its name               VC-MIPI drivers and similar ones
     OutsideTrigger   switched by other means before (hidraw, I2C, device tree); `gs2ci doctor` proves it
     NoTrigger        free run only
@@ -24,7 +24,7 @@ from gs2ci_drivers.v4l2.options import V4l2Options
 
 PULSE_WIDTH_OFFSETS_S: Final = {"imx296": 14.26e-6}
 """Modules whose exposure is the width of the trigger pulse plus this constant; the others take an edge."""
-MODULE_VALUES: Final[Mapping[str, int]] = {"imx296": 1, "imx477": 2, "ar0234": 1, "ov9282": 1, "ov7251": 1}
+MODULE_VALUES: Final[Mapping[str, int]] = {"imx296": 1, "imx477": 2, "ar0234": 1, "ov7251": 1}
 """What a module's parameter `trigger_mode` must be for external triggers.
 
 imx296.c "0=default, 1=XTRIG", imx477.c "1=source, 2=sink" (imx477.c also drives the IMX378), ar0234.c "0=off,
@@ -226,7 +226,8 @@ class ModuleTrigger:
                 self._device,
                 f"module {self._module!r} is not loaded or has no parameter trigger_mode",
                 asked=asked,
-                remedy="set trigger_module in [sensor] to the sensor's kernel module, or change trigger_adapter",
+                remedy="set trigger_module in [sensor] to the sensor's kernel module; where the device tree alone "
+                'switches the sensor (dtoverlay=ov9281,trigger-mode=1), set trigger_adapter = "outside"',
             ) from error
         raise_typed(self._device, asked, error)
 

@@ -135,7 +135,7 @@ def test_a_rolling_sensor_shows_a_short_mask_to_some_rows_and_that_is_told(bench
         ({"shutter": "global"}, {"sensor": "imx477"}),
         ({}, {"sensor": "imx296"}),
         ({}, {}),
-        ({"trigger_adapter": "module", "trigger_module": "ov9282"}, {"trigger": "module", "module": "ov9282"}),
+        ({"trigger_adapter": "module", "trigger_module": "ov7251"}, {"trigger": "module", "module": "ov7251"}),
     ],
 )
 def test_a_sensor_that_exposes_all_rows_at_once_or_of_which_nothing_is_known_is_not_called_rolling(
@@ -150,7 +150,7 @@ def test_a_sensor_that_exposes_all_rows_at_once_or_of_which_nothing_is_known_is_
 
 
 @pytest.mark.parametrize(
-    ("module", "number", "mode"), [("imx477", 2, "edge"), ("imx296", 1, "level"), ("ov9282", 1, "edge")]
+    ("module", "number", "mode"), [("imx477", 2, "edge"), ("imx296", 1, "level"), ("ov7251", 1, "edge")]
 )
 def test_a_modules_parameter_gets_the_number_that_this_module_takes(bench, module, number, mode):
     b = bench(options(trigger_adapter="module", trigger_module=module), trigger="module", module=module)
@@ -161,6 +161,12 @@ def test_a_modules_parameter_gets_the_number_that_this_module_takes(bench, modul
     assert not b.world.exposures, "it runs by its own clock"
     b.sensor.close()
     assert b.twin.read_file(f"/sys/module/{module}/parameters/trigger_mode") == b"0\n"
+
+
+def test_a_module_that_its_device_tree_alone_switches_is_named_with_its_overlay(bench):
+    b = bench(options(trigger_adapter="module", trigger_module="ov9282"), trigger="module", module="ov7251")
+    with pytest.raises(UnsupportedError, match=r'dtoverlay=ov9281,trigger-mode=1.*trigger_adapter = "outside"'):
+        b.sensor.connect()
 
 
 def test_the_third_number_of_a_control_is_a_gate_for_vision_components_alone(bench):
