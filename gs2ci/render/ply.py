@@ -55,21 +55,6 @@ _HEADER_BYTES_MAX: Final = 1 << 20
 
 
 @dataclass(frozen=True)
-class PlyScene:
-    """A scene read from a file, and the names of the properties that were ignored.
-
-    Args:
-        gaussians: float32; without harmonics if the file has none, or only zeros.
-        ignored: Names of other properties, which were skipped.
-        standard_errors: Of the centres, in the unit of the scene, [G] float32; None if the file has none.
-    """
-
-    gaussians: Gaussians
-    ignored: tuple[str, ...]
-    standard_errors: F32 | None = None
-
-
-@dataclass(frozen=True)
 class _Header:
     text: bool
     count: int
@@ -77,16 +62,10 @@ class _Header:
 
 
 def read_ply(path: str | Path) -> Gaussians:
-    """Read a scene without the list of ignored properties.
-
-    Raises:
-        InputError: See `read_ply_scene`.
-    """
-    return read_ply_scene(path).gaussians
-
-
-def read_ply_scene(path: str | Path) -> PlyScene:
     """Read a scene written by gs2ci, gsplat, the original 3DGS code or anything that keeps its convention.
+
+    Returns:
+        float32; without harmonics if the file has none, or only zeros. Other properties are skipped.
 
     Raises:
         InputError: No such file, not a PLY file of an accepted format, a required property is missing, harmonics
@@ -100,7 +79,6 @@ def read_ply_scene(path: str | Path) -> PlyScene:
     except OSError as error:
         raise InputError(f"{path}: {reason_of(error)}", remedy="check the path") from error
     rest = _rest_names(path, header)
-    known = {*_REQUIRED, *_NORMAL, *rest, ERROR_PROPERTY}
     gaussians = Gaussians(
         means=_columns(table, _POSITION),
         log_scales=_columns(table, _SCALE),
@@ -113,20 +91,7 @@ def read_ply_scene(path: str | Path) -> PlyScene:
         gaussians.check()
     except InputError as error:
         raise InputError(f"{path}: {error.problem}", allowed="finite numbers") from error
-    return PlyScene(
-        gaussians,
-        ignored=tuple(name for name, _ in header.properties if name not in known),
-        standard_errors=_errors(path, table),
-    )
-
-
-def _errors(path: Path, table: NDArray[Any]) -> F32 | None:
-    if ERROR_PROPERTY not in (table.dtype.names or ()):
-        return None
-    found: F32 = _columns(table, (ERROR_PROPERTY,))[:, 0].numpy()
-    if not (np.isfinite(found) & (found >= 0)).all():
-        raise InputError(f"{path}: a {ERROR_PROPERTY} that is none", allowed="finite numbers from 0 on")
-    return found
+    return gaussians
 
 
 def _rest_names(path: Path, header: _Header) -> tuple[str, ...]:
