@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import UnsupportedError
-from gs2ci_drivers.links.x11_levels import X11Levels
+from gs2ci_drivers.links import xrandr
 from gs2ci_drivers.ports import ScreenOutput
 
 USUAL_HZ: Final = 60.0
@@ -55,7 +55,7 @@ class SdlScreen:
         self._pixels: NDArray[np.uint32] | None = None
         self._output: ScreenOutput | None = None
         self._due_ns = 0
-        self._levels: X11Levels | None = None
+        self._place = ""
         self.synchronised = False
         """Whether the video driver waits for the refresh; otherwise this object does, by the clock."""
 
@@ -116,8 +116,7 @@ class SdlScreen:
             raise self._broken("no texture")
         self._pixels = np.empty((output.height, output.width), np.uint32)
         self._output, self._due_ns = output, 0
-        if sdl.SDL_GetCurrentVideoDriver() == b"x11":
-            self._levels = X11Levels((bounds.x, bounds.y, bounds.w, bounds.h))
+        self._place = f"{bounds.w}x{bounds.h}+{bounds.x}+{bounds.y}"
         self.flip(np.zeros((output.height, output.width), np.uint8))
         return output
 
@@ -128,7 +127,7 @@ class SdlScreen:
                 "a Wayland compositor draws the output and does not tell how: switch off its night light, colour "
                 "profile, HDR and scaling for this output, or log into a session of X"
             ]
-        return [] if self._levels is None else self._levels.straighten()
+        return xrandr.straighten(self._place)
 
     def flip(self, levels: U8) -> int:
         """Draw a picture and wait for its refresh; see `ScreenPort`.
@@ -157,9 +156,6 @@ class SdlScreen:
 
     def close(self) -> None:
         """Uncover the output; a second call does nothing."""
-        if self._levels is not None:
-            self._levels.close()
-            self._levels = None
         sdl, self._sdl, self._output = self._sdl, None, None
         if sdl is None:
             return

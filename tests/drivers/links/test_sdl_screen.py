@@ -13,9 +13,8 @@ import pytest
 
 from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import DisconnectedError, UnsupportedError
-from gs2ci_drivers.links import x11_levels
+from gs2ci_drivers.links import xrandr
 from gs2ci_drivers.links.sdl_screen import SdlScreen
-from gs2ci_drivers.links.x11_levels import X11Levels, bent
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.ports import ScreenPort
 from gs2ci_drivers.video_out.driver import VideoOut
@@ -222,28 +221,16 @@ def test_a_renderer_without_opengl_is_not_believed():
     assert port._waits_for_refresh() is False
 
 
-def bend(power):
-    """Bend the ramp of the X server's output, as redshift does (randr.c: XRRSetCrtcGamma by the protocol)."""
-    levels = X11Levels((0, 0, WIDTH, HEIGHT))
-    ((number, _, _),) = list(levels._driven())
-    ramp = np.rint(65535 * np.linspace(0, 1, 256) ** power).astype(np.uint16)
-    levels._set_ramp(number, np.tile(ramp, (3, 1)))
-    return levels, number
-
-
-def test_a_gamma_ramp_of_the_output_is_made_straight_told_and_put_back(screen, monkeypatch):
+def test_a_gamma_ramp_of_the_output_is_made_straight_and_told(screen, monkeypatch):
+    if shutil.which("xrandr") is None:
+        pytest.skip("no xrandr on this machine")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    other, number = bend(1.4)
-    (output,) = screen.list_outputs()
-    screen.open(output.name)
-    (note,) = screen.straighten()
-    assert "showed level 128 as 97, 97, 97 of red, green and blue" in note
-    assert not bent(other._ramp(number))
+    screen.open("")
     assert screen.straighten() == []
-    screen.close()
-    assert other._ramp(number)[0, 128] == round(65535 * (128 / 255) ** 1.4)
-    other.close()
-    other.close()
+    subprocess.run(["xrandr", "--output", "screen", "--gamma", "1:1.2:1.9", "--brightness", "0.7"], check=True)
+    (note,) = screen.straighten()
+    assert "with gamma 1.0:0.84:0.53 and brightness 0.70 changed levels, and has been made straight" in note
+    assert screen.straighten() == []
 
 
 def test_a_session_that_places_windows_itself_is_refused(screen, monkeypatch):
@@ -261,55 +248,45 @@ def test_a_compositor_that_tells_nothing_is_named(screen, monkeypatch):
     assert "night light" in note
 
 
+TOLD = """Screen 0: minimum 8 x 8, current 4320 x 1080, maximum 32767 x 32767
+eDP-1 connected primary 1920x1080+0+0 (0x46) normal (normal left inverted right x axis y axis) 344mm x 194mm
+\tGamma:      1.0:0.8:0.6
+\tBrightness: 1.0
+HDMI-1 connected 2400x1080+1920+0 (0x47) normal (normal left inverted right x axis y axis) 527mm x 296mm
+\tGamma:      1.0:1.0:1.0
+\tBrightness: 1.0
+\tTransform:  1.000000 0.000000 0.000000
+\t            0.000000 1.000000 0.000000
+\t            0.000000 0.000000 1.000000
+\t           filter:
+\tBroadcast RGB: Full
+\t\tsupported: Automatic, Full, Limited 16:235
+"""
+
+
 @pytest.mark.parametrize(
-    ("levels", "changes"),
+    ("was", "now", "note"),
     [
-        (np.linspace(0, 65535, 1024), False),
-        (np.arange(256) * 257, False),
-        (np.linspace(0, 65535, 256) ** 1.02 / 65535**0.02, True),
-        (np.linspace(0, 60000, 256), True),  # dimmed
-        (np.zeros(256), False),  # never set
-        (np.random.default_rng(0).integers(0, 65536, 256), False),
+        ("", "", None),
+        ("RGB: Full", "RGB: Automatic ", "Broadcast RGB is Automatic: levels"),
+        ("RGB: Full", "RGB: Limited 16:235", "Broadcast RGB is Limited 16:235: levels"),
+        ("Transform:  1.0", "Transform:  1.25", "scaled or turned"),
+        ("0.000000 1.000000 0.0", "0.000000 1.250000 0.0", "scaled or turned"),
+        ("(0x47) normal", "(0x47) left", "scaled or turned"),
+        ("1.0:1.0:1.0", "0.72:0.72:0.72", "does not take another: switch it off there"),
+        ("1.0:1.0:1.0\n\tBrightness: 1.0", "1.0:1.0:1.0\n\tBrightness: 0.0", None),
+        ("\tGamma:      1.0:1.0:1.0\n\tBrightness: 1.0\n", "", None),
     ],
 )
-def test_a_ramp_is_bent_if_it_changes_a_level_by_half_of_one(levels, changes):
-    assert bent(np.tile(np.rint(levels).astype(np.uint16), (3, 1))) == changes
+def test_what_changes_levels_of_that_output_is_told(monkeypatch, was, now, note):
+    monkeypatch.setattr(xrandr, "_xrandr", lambda *words: TOLD.replace(was, now) if was else TOLD)
+    notes = xrandr.straighten("2400x1080+1920+0")
+    assert len(notes) == (note is not None)
+    assert all(note in one for one in notes)
 
 
-def test_without_an_x_server_nothing_is_told(monkeypatch):
+def test_where_xrandr_is_missing_or_has_no_server_nothing_is_told(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4242")
-    levels = X11Levels((0, 0, 8, 8))
-    assert levels.straighten() == []
-    levels.close()
-
-
-@pytest.mark.parametrize(("value", "told"), [("Automatic", 1), ("Limited 16:235", 1), ("Full", 0)])
-def test_a_limited_range_is_told(display, value, told):
-    levels = X11Levels((0, 0, WIDTH, HEIGHT))
-    intern, randr = levels._x11.XInternAtom, levels._randr
-    name, kind, atom = (intern(levels._display, text, 0) for text in (b"Broadcast RGB", b"ATOM", value.encode()))
-    ((_, crtc, _),) = list(levels._driven())
-    output, data = crtc.outputs[0], ctypes.c_ulong(atom)
-    randr.XRRChangeOutputProperty.argtypes = (
-        ctypes.c_void_p,
-        *[ctypes.c_ulong] * 3,
-        *[ctypes.c_int] * 2,
-        ctypes.c_void_p,
-        ctypes.c_int,
-    )
-    randr.XRRChangeOutputProperty(levels._display, output, name, kind, 32, 0, ctypes.byref(data), 1)
-    notes = levels.straighten()
-    assert [note for note in notes if f"Broadcast RGB is {value}" in note] == notes[:told]
-    assert len(notes) == told
-    levels.close()
-
-
-def test_a_scaled_desktop_is_told():
-    mode = x11_levels._Mode(id=7, width=1920, height=1080)
-    resources = x11_levels._Resources(mode_count=1, modes=ctypes.addressof(mode))
-    levels = X11Levels((0, 0, 8, 8))
-    (note,) = levels._scaled(x11_levels._Crtc(width=2400, height=1350, mode=7), resources)
-    assert "the desktop is 2400 x 1350 and the output's mode 1920 x 1080" in note
-    assert levels._scaled(x11_levels._Crtc(width=1920, height=1080, mode=7), resources) == []
-    assert levels._scaled(x11_levels._Crtc(width=1920, height=1080, mode=8), resources) == []
-    levels.close()
+    assert xrandr.straighten("8x8+0+0") == []
+    monkeypatch.setenv("PATH", "")
+    assert xrandr.straighten("8x8+0+0") == []
