@@ -124,7 +124,7 @@ def import_file(
             camera matrix.
         meas_key: Key of the measurement in its file.
         mask_key: Key of the masks in their file.
-        truth_key: Key of the true views; "none" leaves them out.
+        truth_key: Key of the true views, in the file of --truth if there is one; "none" leaves them out.
         white_key: Key of frames of an even light, by which readings are divided; "none" leaves them out.
         dark_key: Key of frames without light, which are subtracted; "none" leaves them out.
         mask_axis: Whether the masks are stacked along the first or the last axis.
@@ -173,7 +173,7 @@ def import_file(
         "distortion": Array("--distortion", np.array(distortion)) if len(distortion) else None,
         "intrinsics": Path(intrinsics) if isinstance(intrinsics, str | Path) else _given("--intrinsics", intrinsics),
         "world_to_camera": Path(poses) if isinstance(poses, str | Path) else _given("--poses", poses),
-        "truth": _given("--truth", truth),
+        "truth": _given("--truth", truth, "truth", None if truth_key == "none" else truth_key),
         "stage": None if stage is None else _place(stage),
         "stage_axes": tuple(stage_axes),
     }
@@ -299,14 +299,16 @@ def _place(path: str | Path) -> Path:
     return as_path(path, of="a file", remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)")
 
 
-def _given(name: str, value: ArrayOrFile) -> "Array | None":
+def _given(
+    name: str, value: ArrayOrFile, role: Literal["truth"] | None = None, key: str | None = None
+) -> "Array | None":
     from gs2ci.core.foreign.container import Array
     from gs2ci.core.foreign.opening import load_single
 
     if value is None:
         return None
     if isinstance(value, str | Path):
-        return load_single(Path(value))
+        return load_single(Path(value), role, key)
     try:
         return Array(name, np.asarray(on_host(value), dtype=np.float64))
     except (TypeError, ValueError, RuntimeError) as error:  # the last of tensors without data, or lazily negated

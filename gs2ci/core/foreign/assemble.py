@@ -310,7 +310,7 @@ class _Import:
         """Get the true poses, [K, N, 4, 4], from the user or from the file."""
         given = self.options.world_to_camera
         if isinstance(given, Path):
-            given = poses_in(given, self.guesses) or load_single(given)
+            given = poses_in(given, self.guesses) or load_single(given, "world_to_camera")
         if given is not None:
             return self._stack_of_poses(self.found.own(given))
         poses = self.poses("world_to_camera")

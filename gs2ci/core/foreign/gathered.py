@@ -82,7 +82,23 @@ def find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: l
     for array in (measurement, masks):
         if array.values.size == 0:
             raise InputError(f"{array.where}: empty, shape {list(array.values.shape)}", remedy="save it again")
+    if _levels(measurement) == 2 < _levels(masks):
+        raise InputError(
+            f"{measurement.where}: two values alone, as masks have, and {masks.where} has more",
+            allowed="readings of a camera, and the masks behind which they were taken",
+            remedy="exchange the two: the measurement comes first (keys: --meas-key, --mask-key)",
+        )
     return Found(measurement, masks, truth, container, holder)
+
+
+def _levels(array: Array) -> int:
+    """Count the values of an array, up to 3."""
+    levels: set[float] = set()
+    for part in np.array_split(array.values.reshape(-1), max(1, array.values.size >> 16)):
+        levels.update(np.unique(part).tolist())
+        if len(levels) > 2:
+            return 3
+    return len(levels)
 
 
 def chosen_masks(stack: NDArray[Any], found: Found, options: ImportOptions) -> NDArray[Any]:

@@ -12,6 +12,7 @@ from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npz import TORCH_WAY_OUT, read_npy, read_npz
 from gs2ci.core.foreign.pictures import is_picture, read_pictures
+from gs2ci.core.foreign.roles import ALIASES, Role, key_of
 from gs2ci.core.foreign.text import is_numbers, read_text
 
 _FORMATS: Final = (
@@ -138,14 +139,26 @@ def _is_mat4(start: bytes) -> bool:
     return False
 
 
-def load_single(path: Path) -> Array:
-    """Load the only array of a file (true views, poses, a camera matrix).
+def load_single(path: Path, role: Role | None = None, said: str | None = None) -> Array:
+    """Load the only array of a file (true views, poses, a camera matrix), or of several the one that plays a role.
+
+    Args:
+        path: The file.
+        role: Of the array, which a name in use then tells among several.
+        said: Its key, if the user named it.
 
     Raises:
-        InputError: No array of numbers there, or several.
+        InputError: No array of numbers there; or several, none of which is named so.
     """
     container = open_foreign(path)
-    keys = [key for key, entry in container.entries.items() if entry.kind == "number"]
-    if len(keys) != 1:
-        raise InputError(f"{path}: {container.listing()}", allowed="a file with a single array of numbers")
+    keys: list[str | None] = [key for key, entry in container.entries.items() if entry.kind == "number"]
+    if role is not None and (said is not None or len(keys) != 1):
+        keys = [key_of(container, role, said, [])]
+    if len(keys) != 1 or keys[0] is None:
+        raise InputError(
+            f"{path}: {container.listing()}",
+            allowed="a file with a single array of numbers"
+            + (f", or one of several named {', '.join(ALIASES[role])}" if role is not None else ""),
+            remedy="save it alone: np.save('FILE.npy', array)",
+        )
     return container.load(keys[0])

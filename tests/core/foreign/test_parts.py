@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import gs2ci
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.container import Array
@@ -417,3 +418,23 @@ def test_a_file_for_a_single_array_may_hold_only_one(tmp_path):
     np.savez(tmp_path / "two.npz", a=np.eye(3), b=np.eye(3))
     with pytest.raises(InputError, match="a single array of numbers"):
         load_single(tmp_path / "two.npz")
+
+
+def test_of_several_arrays_that_of_the_true_views_is_told_by_its_name(scene, tmp_path):
+    made = scene()
+    np.savez(tmp_path / "truth.npz", truth=made.views, depth=made.views[..., 0])
+    path = tmp_path / "shot.npz"
+    np.savez(path, meas=made.meas, mask=made.masks)
+    views = gs2ci.load(path, truth=tmp_path / "truth.npz").truth.views
+    named = gs2ci.load(path, truth=tmp_path / "truth.npz", truth_key="truth").truth.views
+    assert np.allclose(views, made.views / 255)
+    assert np.array_equal(views, named)
+    np.savez(tmp_path / "other.npz", a=made.views, b=made.views)
+    with pytest.raises(InputError, match="one of several named truth, orig"):
+        gs2ci.load(path, truth=tmp_path / "other.npz")
+
+
+def test_masks_in_place_of_the_measurement_are_recognised(scene, take):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match=r"two values alone, as masks have.*exchange the two"):
+        take(meas=made.masks, mask=made.meas)
