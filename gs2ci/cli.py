@@ -49,6 +49,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "open": ("gs2ci.commands.open_", "open the page of a run in the browser"),
     "export": ("gs2ci.commands.export", "write a run for other programs: spz, COLMAP, EXR, films"),
     "mesh": ("gs2ci.commands.mesh", "fuse the depths of a run into a mesh"),
+    "view": ("gs2ci.commands.view", "show the scene of a run in the browser"),
     "decode": ("gs2ci.commands.decode", "recover only the views: GAP-TV, plug-and-play, proxies"),
     "evaluate": ("gs2ci.commands.evaluate", "score a run against a truth, the noise model, other views"),
     "measure": ("gs2ci.commands.measure", "measure the distance between two points of a run"),

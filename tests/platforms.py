@@ -37,9 +37,9 @@ class Target:
 
 # Python 3.14 has all; of 3.15 several wheels are missing so far.
 TARGETS = (
-    Target("aarch64", "3.11", ("reconstruct", "cluster")),
+    Target("aarch64", "3.11", ("reconstruct", "view", "cluster")),
     Target("aarch64", "3.13", ("reconstruct",)),
-    Target("x86_64", "3.14", ("reconstruct", "mesh")),
+    Target("x86_64", "3.14", ("reconstruct", "mesh", "view")),
 )
 
 

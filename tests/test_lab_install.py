@@ -9,6 +9,7 @@ import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from gs2ci import __version__, cli
 from gs2ci.batch import cluster
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.extras import EXTRAS, missing_extra
+from gs2ci.evaluate import viewer
 from gs2ci.evaluate.exports import depth_files
 from gs2ci.reconstruct.learned import ffdnet
 from gs2ci.reconstruct.learned.weight_file import Convolution
@@ -185,6 +187,11 @@ def _draw(folder):
     SdlScreen("slm").list_outputs()
 
 
+def _serve(folder):
+    scene = SimpleNamespace()
+    viewer.serve(scene, host="127.0.0.1", port=0)
+
+
 def _read_a_mesh(folder):
     mesh_from_file(folder / "scene.glb")
 
@@ -215,6 +222,7 @@ ASKED = {
     "genicam": _list_cameras,
     "video": _draw,
     "alp": _load_alp,
+    "view": _serve,
     "mesh": _read_a_mesh,
     "export": _write_a_model,
     "exr": _write_depth,
@@ -241,7 +249,7 @@ def test_what_needs_an_extra_that_is_not_there_says_which_to_install(extra, tmp_
 
 def test_a_missing_module_of_nobody_is_an_error_of_ours():
     assert missing_extra(ModuleNotFoundError("x", name="nowhere")) is None
-    assert "gs2ci[mesh]" in missing_extra(ModuleNotFoundError("x", name="trimesh.creation")).remedy
+    assert "gs2ci[view]" in missing_extra(ModuleNotFoundError("x", name="viser.extras")).remedy
 
 
 def test_a_module_of_ours_that_is_missing_is_not_hidden(monkeypatch, gs2ci):

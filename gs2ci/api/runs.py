@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.api.display import in_notebook
-from gs2ci.api.options import as_path
+from gs2ci.api.options import as_path, check_whole
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code
@@ -241,6 +241,28 @@ class Run:
             return
         # The browser reads the file after this call: it stays until the system clears its temporary files.
         open_page(self.page(Path(tempfile.mkdtemp(prefix="gs2ci-")) / "report.html"))
+
+    def view(self, *, port: int = 8080, host: str = "127.0.0.1") -> Any:
+        """Serve scene and cameras to a browser; needs the extra `view`.
+
+        Args:
+            port: Port of the local server; if it is in use, the next free one; 0 for any.
+            host: Address to listen on: 127.0.0.1 is only this machine, 0.0.0.0 everybody who reaches it. Who has the
+                secret of the printed address may connect.
+
+        Returns:
+            What serves it, with its `address`, which holds the secret; `stop()` ends it.
+
+        Raises:
+            InputError: viser is not installed, or no port is free.
+            StorageError: The run was not saved, or its folder is damaged.
+        """
+        check_whole("--port", port, 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
+        from gs2ci.evaluate import viewer
+
+        if self.folder is None:
+            raise StorageError("the run has no folder yet", remedy="call save() first")
+        return viewer.serve(viewer.load_scene(self.folder), host=host, port=port)
 
     def _written(self, scratch: Path) -> Path:
         """Return the run's folder, or a temporary one."""

@@ -5,7 +5,7 @@ secret, as a notebook server's does. A browser that opens it is given a cookie a
 to the address without it, so that the secret stays out of the history and of screenshots; programs send it as the
 header `X-Gs2ci-Secret`. Secrets are compared in a time that does not depend on where they differ.
 
-Here: `Door`, and which port is listened on. Not here: what is served (`gs2ci.rig.live`).
+Here: `Door`, and which port is listened on. Not here: what is served (`gs2ci.rig.live`, `gs2ci.evaluate.gate`).
 """
 
 import hmac

@@ -12,6 +12,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "calibrate": ("cv2", "numba", "scipy"),
     "reconstruct": ("imageio", "jinja2", "markupsafe", "matplotlib", "onnxruntime", "pycolmap", "skimage", "torch"),
     "cluster": ("cryptography", "dask", "distributed"),
+    "view": ("viser",),
     "mesh": ("trimesh",),
     "export": ("onnx",),
     "exr": ("OpenEXR",),

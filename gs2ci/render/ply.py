@@ -55,6 +55,21 @@ _HEADER_BYTES_MAX: Final = 1 << 20
 
 
 @dataclass(frozen=True)
+class PlyScene:
+    """A scene read from a file, and the names of the properties that were ignored.
+
+    Args:
+        gaussians: float32; without harmonics if the file has none, or only zeros.
+        ignored: Names of other properties, which were skipped.
+        standard_errors: Of the centres, in the unit of the scene, [G] float32; None if the file has none.
+    """
+
+    gaussians: Gaussians
+    ignored: tuple[str, ...]
+    standard_errors: F32 | None = None
+
+
+@dataclass(frozen=True)
 class _Header:
     text: bool
     count: int
@@ -62,10 +77,16 @@ class _Header:
 
 
 def read_ply(path: str | Path) -> Gaussians:
-    """Read a scene written by gs2ci, gsplat, the original 3DGS code or anything that keeps its convention.
+    """Read a scene without the list of ignored properties.
 
-    Returns:
-        float32; without harmonics if the file has none, or only zeros. Other properties are skipped.
+    Raises:
+        InputError: See `read_ply_scene`.
+    """
+    return read_ply_scene(path).gaussians
+
+
+def read_ply_scene(path: str | Path) -> PlyScene:
+    """Read a scene written by gs2ci, gsplat, the original 3DGS code or anything that keeps its convention.
 
     Raises:
         InputError: No such file, not a PLY file of an accepted format, a required property is missing, harmonics
@@ -79,6 +100,7 @@ def read_ply(path: str | Path) -> Gaussians:
     except OSError as error:
         raise InputError(f"{path}: {reason_of(error)}", remedy="check the path") from error
     rest = _rest_names(path, header)
+    known = {*_REQUIRED, *_NORMAL, *rest, ERROR_PROPERTY}
     gaussians = Gaussians(
         means=_columns(table, _POSITION),
         log_scales=_columns(table, _SCALE),
@@ -91,7 +113,20 @@ def read_ply(path: str | Path) -> Gaussians:
         gaussians.check()
     except InputError as error:
         raise InputError(f"{path}: {error.problem}", allowed="finite numbers") from error
-    return gaussians
+    return PlyScene(
+        gaussians,
+        ignored=tuple(name for name, _ in header.properties if name not in known),
+        standard_errors=_errors(path, table),
+    )
+
+
+def _errors(path: Path, table: NDArray[Any]) -> F32 | None:
+    if ERROR_PROPERTY not in (table.dtype.names or ()):
+        return None
+    found: F32 = _columns(table, (ERROR_PROPERTY,))[:, 0].numpy()
+    if not (np.isfinite(found) & (found >= 0)).all():
+        raise InputError(f"{path}: a {ERROR_PROPERTY} that is none", allowed="finite numbers from 0 on")
+    return found
 
 
 def _rest_names(path: Path, header: _Header) -> tuple[str, ...]:

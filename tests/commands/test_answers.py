@@ -108,7 +108,7 @@ def test_what_is_short_is_answered_too(examples, gs2ci, capsys, monkeypatch):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_an_answer_but_those_that_only_show(command):
     options = {name for one in options_of(importlib.import_module(COMMANDS[command][0]).run) for name in one.names}
-    assert ("--json" in options) is (command not in {"open", "live", "completion"})
+    assert ("--json" in options) is (command not in {"open", "view", "live", "completion"})
 
 
 def test_a_quiet_command_says_nothing_but_why_it_failed(examples, gs2ci, capsys):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-import trimesh
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.uncertainty import Uncertainty
@@ -14,7 +13,7 @@ from gs2ci.evaluate.report import SurenessSection, read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.evaluate.sureness import DEPTH_OTHER, errors_at, errors_of_centres, figures_of_errors, in_other_order
 from gs2ci.reconstruct.uncertainty.factors import factors
-from gs2ci.render.ply import read_ply
+from gs2ci.render.ply import read_ply_scene
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -38,7 +37,7 @@ def test_a_run_without_them_has_neither_files_nor_figures(make_run, scene, tmp_p
     folder = write_run(tmp_path / "run", shot, replace(result, uncertainty=None), scene)
     assert not [path for path in folder.iterdir() if path.name.endswith("_error.npy")]
     assert read_report(folder).sureness is None
-    assert b"standard_error" not in (folder / "scene.ply").read_bytes()
+    assert read_ply_scene(folder / "scene.ply").standard_errors is None
 
 
 def test_a_run_without_a_path_states_those_of_views_alone(make_run):
@@ -76,9 +75,9 @@ def test_of_several_views_the_surest_counts(make_run, scene):
 def test_the_scene_file_has_them_as_a_property_that_readers_may_ignore(make_run, scene, tmp_path):
     shot, result = make_run()
     path = write_run(tmp_path / "run", shot, result, scene) / "scene.ply"
-    stated = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]["standard_error"]
-    np.testing.assert_array_equal(stated, errors_of_centres(scene, result))
-    torch.testing.assert_close(read_ply(path).means, scene.means, rtol=0, atol=0)
+    back = read_ply_scene(path)
+    np.testing.assert_array_equal(back.standard_errors, errors_of_centres(scene, result))
+    torch.testing.assert_close(back.gaussians.means, scene.means, rtol=0, atol=0)
 
 
 def test_depth_in_the_other_order_gives_the_same_displacements_to_the_opposite_travel():

@@ -8,7 +8,7 @@ import trimesh
 
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.render.harmonics import SH_DC, coefficients, colours_seen
-from gs2ci.render.ply import read_ply, write_ply
+from gs2ci.render.ply import read_ply, read_ply_scene, write_ply
 from tests.render.scenes_in_units import drawn
 
 NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
@@ -54,11 +54,19 @@ def test_written_header_is_the_one_viewers_expect(tmp_path, make):
 def test_standard_errors_are_one_more_property_that_a_reader_may_leave(tmp_path, make):
     scene, errors = make(count=5).scene, np.linspace(0.1, 0.5, 5, dtype=np.float32)
     path = write_ply(tmp_path / "scene.ply", scene, standard_errors=errors)
-    assert b"standard_error" not in write_ply(tmp_path / "without.ply", scene).read_bytes()
+    assert read_ply_scene(path).ignored == ()
+    np.testing.assert_array_equal(read_ply_scene(path).standard_errors, errors)
+    assert read_ply_scene(write_ply(tmp_path / "without.ply", scene)).standard_errors is None
     np.testing.assert_array_equal(gsply.plyread(str(path)).means, scene.means.float())
     torch.testing.assert_close(read_ply(path).means, scene.means.float(), rtol=0, atol=0)
     vertices = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_array_equal(vertices["standard_error"], errors)
+
+
+def test_a_standard_error_that_is_none_is_refused(tmp_path, make):
+    path = write_ply(tmp_path / "scene.ply", make(count=2).scene, standard_errors=np.array([0.1, -1], np.float32))
+    with pytest.raises(InputError, match="a standard_error that is none"):
+        read_ply(path)
 
 
 def test_empty_scene_can_be_written_and_read(tmp_path, make):
@@ -83,7 +91,7 @@ def test_binary_file_of_doubles_in_another_order_with_extras_is_read(file):
     names = ["extra", *reversed(NAMES)]
     values = np.arange(15, dtype="<f8")
     faces = "element face 1\nproperty list uchar int vertex_indices\n"
-    scene = read_ply(
+    scene = read_ply_scene(
         file(
             header(1, names, "binary_little_endian", "double", after=faces).encode()
             + values.tobytes()
@@ -91,22 +99,24 @@ def test_binary_file_of_doubles_in_another_order_with_extras_is_read(file):
             + b"\0" * 12
         )
     )
-    assert scene.means.tolist() == [[14, 13, 12]]
-    assert scene.harmonics is None
+    assert scene.gaussians.means.tolist() == [[14, 13, 12]]
+    assert scene.ignored == ("extra",)
+    assert scene.gaussians.harmonics is None
 
 
 @pytest.mark.parametrize("count", [3, 8, 15])
 def test_harmonics_come_coefficient_by_coefficient_of_red_then_green_then_blue(file, count):
     names = [f"f_rest_{k}" for k in range(3 * count)]
-    scene = read_ply(file(header(1, [*NAMES, *names]) + row([*range(14), *range(3 * count)])))
-    assert scene.harmonics.shape == (1, count, 3)
-    assert scene.harmonics[0, :, 0].tolist() == list(range(count))
-    assert scene.harmonics[0, 1].tolist() == [1, 1 + count, 1 + 2 * count]
+    scene = read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *range(3 * count)])))
+    assert scene.gaussians.harmonics.shape == (1, count, 3)
+    assert scene.gaussians.harmonics[0, :, 0].tolist() == list(range(count))
+    assert scene.gaussians.harmonics[0, 1].tolist() == [1, 1 + count, 1 + 2 * count]
+    assert scene.ignored == ()
 
 
 def test_harmonics_that_are_all_zero_are_none(file):
     names = [f"f_rest_{k}" for k in range(9)]
-    assert read_ply(file(header(1, [*NAMES, *names]) + row([*range(14), *[0] * 9]))).harmonics is None
+    assert read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *[0] * 9]))).gaussians.harmonics is None
 
 
 def test_harmonics_come_back_from_their_file(tmp_path, make):
