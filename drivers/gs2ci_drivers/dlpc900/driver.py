@@ -25,9 +25,9 @@ from gs2ci_drivers.dlpc900.payloads import (
     MainStatus,
     PatternControl,
     PowerMode,
-    Versions,
     decode_hardware_type,
     decode_least_exposures,
+    decode_version,
     encode_block_load,
     encode_image_chunks,
     encode_image_start,
@@ -81,7 +81,7 @@ class Dlpc900(Modulator):
     def __init__(self, name: str, port: HidPort, clock: Clock, settings: Dlpc900Options | None = None) -> None:
         super().__init__(name, clock)
         self.settings = settings or Dlpc900Options()
-        self._profile = firmware.profile(self.settings.firmware)
+        self._profile = firmware.PROFILES[self.settings.firmware]
         self._port = port
         self._channel = Channel(
             name, port, clock, incidents=self.incidents, reply_timeout_s=self.settings.reply_timeout_s
@@ -150,7 +150,7 @@ class Dlpc900(Modulator):
                 allowed=", ".join(f"{kind.value} {kind.name}" for kind in timing.DmdType),
                 remedy="check that the firmware on the board is the one for its mirrors",
             )
-        versions = Versions.decode(channel.read(Command.VERSIONS, "read the firmware version", length=16))
+        version = decode_version(channel.read(Command.VERSIONS, "read the firmware version", length=16))
         self._model = timing.MODELS[timing.DmdType(type_number)]
         status = self._hardware_status("read status")
         self._dual = status.dual_controller
@@ -162,8 +162,8 @@ class Dlpc900(Modulator):
                 remedy="power-cycle the board; if it stays so, reflash its firmware, both files of it, -primary and "
                 "-secondary",
             )
-        told = self._least_exposures_us() if versions.application.major >= _TELLS_LEAST_SINCE else _TELLS_NOTHING
-        return self._describe(f"{versions.application} {tag}".strip(), told)
+        told = self._least_exposures_us() if version[0] >= _TELLS_LEAST_SINCE else _TELLS_NOTHING
+        return self._describe(f"{'.'.join(map(str, version))} {tag}".strip(), told)
 
     def _least_exposures_us(self) -> tuple[int, ...]:
         """Return what the controller itself tells of the shortest times of 1 to 8 bits; 0 if it does not.
@@ -300,8 +300,7 @@ class Dlpc900(Modulator):
         channel, settings = self._channel, self.settings
         self._stop()
         channel.write(Command.DISPLAY_MODE, bytes([DisplayMode.ON_THE_FLY]), "select pattern-on-the-fly mode")
-        if self._profile.stops_after_mode:
-            self._stop()
+        self._stop()  # again, as is common practice
         channel.write(Command.INVERT_DATA, bytes([settings.invert]), "set data inversion")
         channel.write(Command.TRIGGER_OUT_1, settings.trigger_out_1.encode(), "set trigger output 1")
         channel.write(Command.TRIGGER_OUT_2, settings.trigger_out_2.encode(), "set trigger output 2")

@@ -1,7 +1,7 @@
 """Enhanced run-length coding (ERLE) of 24-bit pattern images: the encoder.
 
 Here: rows of 24-bit words → the byte stream of DLPU018 section 2.4.3. Not here: the 48-byte image header
-(`images`), plain run-length coding (`rle`), reading a stream, which only the controller and its twin do.
+(`images`), reading a stream, which only the controller and its twin do (`gs2ci_sims.wires.dlpc900_images`).
 
 Grammar, row by row; n is one byte below 128, else two (low seven bits with the top bit set, then n >> 7)::
 
@@ -19,13 +19,15 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import I64, U32
-from gs2ci_drivers.dlpc900.coding import check_words, padded, pixel_bytes, repeats, run_lengths
+from gs2ci.core.arrays import I64, U32, Bool
+from gs2ci.core.errors import InputError
 
 # Inside a literal run a pixel takes 3 bytes. Leaving it for a run is worthwhile only if that saves more than the run's
 # header and the header of the literal run that follows.
 _COPY_BREAKS_LITERAL: Final = 2
 _REPEAT_BREAKS_LITERAL: Final = 3
+# The widest run that two count bytes can carry: seven bits and eight.
+MAX_WIDTH: Final = 0x7FFF
 
 
 def encode(words: U32) -> bytes:
@@ -42,15 +44,15 @@ def encode(words: U32) -> bytes:
 
     DLPU018, section 2.4.3.
     """
-    check_words(words)
+    _check_words(words)
     copied = np.zeros(words.shape, bool)
     copied[1:] = words[1:] == words[:-1]
     # Most rows of masks repeat the one above, and are one copy of it.
     width = words.shape[1]
     anew = ~copied.all(axis=1) | (width < _COPY_BREAKS_LITERAL)
     above = b"\0\1" + _count(width) + b"\0\0"
-    rows = map(_row, pixel_bytes(words[anew]), repeats(words[anew]), run_lengths(copied[anew]))
-    return padded(b"".join(b"".join(next(rows)) if new else above for new in anew) + b"\0\1\0")
+    rows = map(_row, _pixel_bytes(words[anew]), _repeats(words[anew]), _run_lengths(copied[anew]))
+    return _padded(b"".join(b"".join(next(rows)) if new else above for new in anew) + b"\0\1\0")
 
 
 def _row(pixels: bytes, repeat: I64, copy: I64) -> Iterator[bytes]:
@@ -82,3 +84,46 @@ def _literals(pixels: bytes, start: int, end: int) -> bytes:
     # A literal run of one does not exist in the grammar; a repeat of one does.
     header = b"\1" if end - start == 1 else b"\0" + _count(end - start)
     return header + pixels[3 * start : 3 * end]
+
+
+def _padded(stream: bytes) -> bytes:
+    """Pad a stream with zeros to a multiple of four bytes."""
+    return stream + bytes(-len(stream) % 4)
+
+
+def _pixel_bytes(words: U32) -> list[bytes]:
+    """Return the pixels of each row, [bits 16-23][bits 8-15][bits 0-7] of each word."""
+    low_first = np.ascontiguousarray(words, "<u4").view(np.uint8).reshape(*words.shape, 4)
+    return [row.tobytes() for row in low_first[..., 2::-1]]
+
+
+def _repeats(words: U32) -> I64:
+    """Return for each word how often it stands there in a row, itself included, [H, W]."""
+    same = np.zeros(words.shape, bool)
+    same[:, :-1] = words[:, 1:] == words[:, :-1]
+    return _run_lengths(same) + 1
+
+
+def _run_lengths(true: Bool) -> I64:
+    """Return for each place, [H, W], how many are true in a row from it on."""
+    columns = np.arange(true.shape[1])
+    next_false = np.minimum.accumulate(np.where(true, true.shape[1], columns)[:, ::-1], axis=1)[:, ::-1]
+    return next_false - columns
+
+
+def _check_words(words: U32) -> None:
+    """Check that words, [H, W] uint32, can be coded.
+
+    Raises:
+        InputError: The array is empty, has another shape or type, more than 24 bits, or rows too wide.
+    """
+    if words.ndim != 2 or words.size == 0 or words.dtype != np.uint32 or words.shape[1] > MAX_WIDTH:
+        raise InputError(
+            f"a pattern image of shape {words.shape} and type {words.dtype} cannot be coded",
+            allowed=f"[H, W] uint32 with 1 to {MAX_WIDTH} columns",
+        )
+    if int(words.max()) >> 24:
+        raise InputError(
+            f"a pattern image holds the word {int(words.max()):#x}",
+            allowed="24 bit-planes: words up to 0xffffff",
+        )

@@ -1,101 +1,40 @@
 """Masks to DLPC900 pattern images: bit-planes, the 48-byte header, coding, halves for two controllers. Pure.
 
-Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image. Not here: the codings
-themselves (`erle`, `rle`), sending (`driver`). Imported by the driver, `gs2ci.rig` and tests.
+Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image. Not here: the coding
+itself (`erle`), sending (`driver`). Imported by the driver, `gs2ci.rig` and tests.
 """
 
-import enum
 import struct
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import U8, U32
 from gs2ci.core.errors import InputError
-from gs2ci_drivers.dlpc900 import erle, rle
-from gs2ci_drivers.dlpc900.coding import check_words
+from gs2ci_drivers.dlpc900 import erle
 
 BITS_PER_WORD: Final = 24
 _SIGNATURE: Final = b"Spld"
 _LAYOUT: Final = struct.Struct("<4sHHI8sIBBB21s")
-_ROW_ALIGNMENT: Final = 16
+_ERLE: Final = 2
+_BYTE_ORDER: Final = 1
 
 
-class Compression(enum.IntEnum):
-    """Byte 25 of the image header."""
-
-    NONE = 0
-    RLE = 1
-    ERLE = 2
-
-
-@dataclass(frozen=True)
-class ImageHeader:
-    """The 48 bytes in front of every pattern image (DLPU018, section 2.4.2).
+def encode_block(words: U32, pixel_format: int = 1) -> bytes:
+    """Encode one image, with its header of 48 bytes (DLPU018, section 2.4.2).
 
     Args:
-        width: Pixels per row; with two controllers, half the mirrors of a row each.
-        height: Rows.
-        encoded_bytes: Length of what follows, without these 48 bytes.
-        compression: How that is coded.
-        pixel_format: 1 in TI's code, 0 in its guide; users report that both are accepted.
-        background: Colour word for pixels that are not given.
-    """
-
-    width: int
-    height: int
-    encoded_bytes: int
-    compression: Compression = Compression.ERLE
-    pixel_format: int = 1
-    background: int = 0
-
-    def encode(self) -> bytes:
-        """Return the 48 bytes."""
-        return _LAYOUT.pack(
-            _SIGNATURE,
-            self.width,
-            self.height,
-            self.encoded_bytes,
-            b"\xff" * 8,
-            self.background,
-            self.pixel_format,
-            self.compression,
-            1,
-            b"",
-        )
-
-
-def encode_block(words: U32, compression: Compression = Compression.ERLE, pixel_format: int = 1) -> bytes:
-    """Encode one image, with its header.
-
-    Args:
-        words: [H, W] uint32, 24-bit words.
-        compression: ERLE is never longer than RLE for masks; NONE for tests and comparison.
-        pixel_format: Byte 24 of the header.
+        words: [H, W] uint32, 24-bit words; with two controllers, half the mirrors of a row each.
+        pixel_format: Byte 24 of the header: 1 in TI's code, 0 in its guide; users report that both are accepted.
 
     Raises:
         InputError: The array is not a 24-bit image.
     """
-    match compression:
-        case Compression.ERLE:
-            stream = erle.encode(words)
-        case Compression.RLE:
-            stream = rle.encode(words)
-        case Compression.NONE:
-            stream = _encode_plain(words)
+    stream = erle.encode(words)
     height, width = words.shape
-    return ImageHeader(width, height, len(stream), compression, pixel_format).encode() + stream
-
-
-def _encode_plain(words: U32) -> bytes:
-    check_words(words)
-    height, width = words.shape
-    stride = -(-3 * width // _ROW_ALIGNMENT) * _ROW_ALIGNMENT
-    rows = np.zeros((height, stride), np.uint8)
-    for byte, shift in enumerate((16, 8, 0)):
-        rows[:, byte : 3 * width : 3] = (words >> shift).astype(np.uint8)
-    return rows.tobytes()
+    background = 0
+    layout = (_SIGNATURE, width, height, len(stream), b"\xff" * 8, background, pixel_format, _ERLE, _BYTE_ORDER, b"")
+    return _LAYOUT.pack(*layout) + stream
 
 
 def pack_planes(levels: U8, depth_bits: int = 1) -> list[U32]:

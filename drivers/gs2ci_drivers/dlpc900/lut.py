@@ -1,4 +1,4 @@
-"""Entries of the pattern sequence (the 12 bytes of command 0x1A34), to bytes and back. Pure.
+"""Entries of the pattern sequence (the 12 bytes of command 0x1A34), to bytes. Pure.
 
 Here: one entry. Not here: which entries a capture needs (`driver`), what the minimum times are (`timing`).
 Imported by the driver and tests.
@@ -12,14 +12,11 @@ from typing import Final
 
 from gs2ci.core.errors import InputError
 
-ENTRY_BYTES: Final = 12
 MAX_TIME_US: Final = 0xFFFFFF
 ALL_LEDS: Final = 7
 
 _CLEAR: Final = 0x01
-_WAIT: Final = 0x80
 _TRIGGER_OUT_2: Final = 0x01
-_EXTENDED_DEPTH: Final = 0x02
 
 
 @dataclass(frozen=True)
@@ -33,11 +30,8 @@ class LutEntry:
         depth_bits: Grey depth, 1 to 8.
         image_index: Which uploaded image, 0 to 255.
         bit_position: Lowest of its bits in the image's 24-bit word, 0 to 23.
-        clear_after: Whether the mirrors are cleared after the exposure (1-bit patterns only).
         leds: Which LED enables are on: bit 0 red, 1 green, 2 blue.
-        wait_for_trigger_in: Whether TRIG_IN_1 must rise before the pattern is shown.
         trigger_out_2: Whether TRIG_OUT_2 pulses when the pattern begins.
-        extended_depth: The extended bit depth flag of newer firmware.
 
     Raises:
         InputError: A field does not fit its bits.
@@ -49,11 +43,8 @@ class LutEntry:
     depth_bits: int = 1
     image_index: int = 0
     bit_position: int = 0
-    clear_after: bool = True
     leds: int = ALL_LEDS
-    wait_for_trigger_in: bool = False
     trigger_out_2: bool = True
-    extended_depth: bool = False
 
     def __post_init__(self) -> None:
         ranges = {
@@ -62,7 +53,7 @@ class LutEntry:
             "dark_us": (0, MAX_TIME_US),
             "depth_bits": (1, 8),
             "image_index": (0, 255),
-            "bit_position": (0, 24 - min(self.depth_bits, 24)),
+            "bit_position": (0, 24 - self.depth_bits),
             "leds": (0, 7),
         }
         for name, (low, high) in ranges.items():
@@ -78,10 +69,8 @@ class LutEntry:
         """
         flags = (self.depth_bits - 1) << 1 | self.leds << 4
         # The clear bit is defined for 1-bit patterns only; deeper ones are cleared by the controller itself.
-        flags |= _CLEAR if self.clear_after and self.depth_bits == 1 else 0
-        flags |= _WAIT if self.wait_for_trigger_in else 0
+        flags |= _CLEAR if self.depth_bits == 1 else 0
         options = _TRIGGER_OUT_2 if self.trigger_out_2 is bit_enables else 0
-        options |= _EXTENDED_DEPTH if self.extended_depth else 0
         return (
             self.index.to_bytes(2, "little")
             + self.exposure_us.to_bytes(3, "little")
@@ -89,33 +78,4 @@ class LutEntry:
             + self.dark_us.to_bytes(3, "little")
             + bytes([options])
             + (self.image_index | self.bit_position << 11).to_bytes(2, "little")
-        )
-
-    @classmethod
-    def decode(cls, data: bytes, *, bit_enables: bool = False) -> "LutEntry":
-        """Read an entry back from its 12 bytes.
-
-        Args:
-            data: The bytes.
-            bit_enables: As for `encode`.
-
-        Raises:
-            InputError: Not 12 bytes, or a field beyond what the device allows.
-        """
-        if len(data) != ENTRY_BYTES:
-            raise InputError(f"a sequence entry of {len(data)} bytes", allowed=f"{ENTRY_BYTES} bytes")
-        flags, options = data[5], data[9]
-        place = int.from_bytes(data[10:12], "little")
-        return cls(
-            index=int.from_bytes(data[0:2], "little"),
-            exposure_us=int.from_bytes(data[2:5], "little"),
-            dark_us=int.from_bytes(data[6:9], "little"),
-            depth_bits=(flags >> 1 & 7) + 1,
-            image_index=place & 0x7FF,
-            bit_position=place >> 11,
-            clear_after=bool(flags & _CLEAR),
-            leds=flags >> 4 & 7,
-            wait_for_trigger_in=bool(flags & _WAIT),
-            trigger_out_2=bool(options & _TRIGGER_OUT_2) is bit_enables,
-            extended_depth=bool(options & _EXTENDED_DEPTH),
         )

@@ -46,8 +46,6 @@ class Dlpc900Options(ConfigTable):
     """"usb", "usb:1-2.3" for one of several, or "simulated"."""
     firmware: str = DEFAULT_PROFILE
     """Profile of the firmware revision: what the count of a sequence counts, "rev-j" masks, "rev-f" passes."""
-    compression: Literal["erle", "rle", "none"] = "erle"
-    """How images are compressed for the upload."""
     trigger_out_1: TriggerEdges = TriggerEdges()
     """TRIG_OUT_1, the gate: relative to begin and end of each pattern."""
     trigger_out_2: TriggerEdges = TriggerEdges(fall_us=MIN_PULSE_US)

@@ -45,7 +45,6 @@ class Command(enum.IntEnum):
     FLIP_SHORT = 0x1009
     LED_ENABLES = 0x1A07
     HARDWARE_STATUS = 0x1A0A
-    SYSTEM_STATUS = 0x1A0B
     MAIN_STATUS = 0x1A0C
     DISPLAY_MODE = 0x1A1B
     TRIGGER_OUT_1 = 0x1A1D
@@ -58,12 +57,8 @@ class Command(enum.IntEnum):
     INVERT_DATA = 0x1A30
     LUT_CONFIG = 0x1A31
     LUT_ENTRY = 0x1A34
-    TRIGGER_IN_1 = 0x1A35
-    TRIGGER_IN_2 = 0x1A36
     BLOCK_LOAD = 0x1A40
     LEAST_EXPOSURES = 0x1A42
-    CURTAIN_COLOUR = 0x1100
-    TEST_PATTERN = 0x1203
 
 
 # TI's own host library never requests an answer to these, so that the controller can take the next report at once.

@@ -20,9 +20,6 @@ MOST_BLOCKS: Final = 31
 class DisplayMode(enum.IntEnum):
     """Where patterns come from (0x1A1B)."""
 
-    VIDEO = 0
-    FLASH = 1
-    VIDEO_PATTERN = 2
     ON_THE_FLY = 3
 
 
@@ -30,7 +27,6 @@ class PatternControl(enum.IntEnum):
     """Commands to the sequencer (0x1A24); a start after STOP begins with the first pattern."""
 
     STOP = 0
-    PAUSE = 1
     START = 2
 
 
@@ -39,7 +35,6 @@ class PowerMode(enum.IntEnum):
 
     NORMAL = 0
     STANDBY = 1
-    RESET = 2
 
 
 def encode_lut_config(entries: int, count: int) -> bytes:
@@ -93,8 +88,6 @@ class MainStatus:
 
     parked: bool
     running: bool
-    frozen: bool
-    source_locked: bool
 
     @classmethod
     def decode(cls, data: bytes) -> "MainStatus":
@@ -104,7 +97,7 @@ class MainStatus:
             MalformedReplyError: There is no byte.
         """
         bits = decode_byte(data, "main status")
-        return cls(bool(bits & 1), bool(bits & 2), bool(bits & 4), bool(bits & 8))
+        return cls(bool(bits & 1), bool(bits & 2))
 
 
 _HARDWARE_FAULTS: Final = {
@@ -121,12 +114,10 @@ class HardwareStatus:
     """The controller's hardware status (0x1A0A).
 
     Args:
-        initialised: Internal initialisation succeeded.
         dual_controller: A secondary controller drives the right half of the mirrors.
         faults: The faults in words; empty if there are none.
     """
 
-    initialised: bool
     dual_controller: bool
     faults: tuple[str, ...]
 
@@ -139,44 +130,21 @@ class HardwareStatus:
         """
         bits = decode_byte(data, "hardware status")
         faults = tuple(words for bit, words in _HARDWARE_FAULTS.items() if bits >> bit & 1)
-        initialised = bool(bits & 1)
-        if not initialised:
+        if not bits & 1:
             faults = ("internal initialisation failed", *faults)
-        return cls(initialised, bool(bits >> 4 & 1), faults)
+        return cls(bool(bits >> 4 & 1), faults)
 
 
-@dataclass(frozen=True)
-class Version:
-    """One firmware version number."""
+def decode_version(data: bytes) -> tuple[int, int, int]:
+    """Read major, minor and patch number of the firmware (0x0205, its application's).
 
-    major: int
-    minor: int
-    patch: int
-
-    def __str__(self) -> str:
-        return f"{self.major}.{self.minor}.{self.patch}"
-
-
-@dataclass(frozen=True)
-class Versions:
-    """The four version numbers of the firmware (0x0205)."""
-
-    application: Version
-    api: Version
-    software_config: Version
-    sequencer_config: Version
-
-    @classmethod
-    def decode(cls, data: bytes) -> "Versions":
-        """Read the register.
-
-        Raises:
-            MalformedReplyError: Fewer than 16 bytes.
-        """
-        if len(data) < 16:
-            raise MalformedHidReplyError(f"firmware versions in {len(data)} bytes", allowed="16 bytes")
-        numbers = [Version(major, minor, patch) for patch, minor, major in struct.iter_unpack("<HBB", data[:16])]
-        return cls(*numbers)
+    Raises:
+        MalformedReplyError: Fewer than 4 bytes.
+    """
+    if len(data) < 4:
+        raise MalformedHidReplyError(f"a firmware version in {len(data)} bytes", allowed="4 bytes")
+    patch, minor, major = struct.unpack_from("<HBB", data)
+    return major, minor, patch
 
 
 def decode_least_exposures(data: bytes) -> tuple[int, ...]:

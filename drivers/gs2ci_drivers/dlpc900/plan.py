@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import U8
 from gs2ci_drivers.dlpc900 import firmware, timing
-from gs2ci_drivers.dlpc900.images import Compression, encode_block, pack_planes, place_of, split_halves
+from gs2ci_drivers.dlpc900.images import encode_block, pack_planes, place_of, split_halves
 from gs2ci_drivers.dlpc900.lut import ALL_LEDS, LutEntry
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
@@ -89,17 +89,16 @@ def encode_images(
 
     Args:
         sequence: With [N, H, W] uint8 or uint16 levels of at most 8 bits.
-        settings: Compression and firmware profile.
+        settings: With the firmware profile.
         dual: Whether two controllers drive half the columns each.
         digest: What `digest_masks` says of the sequence, where it has been asked already: it takes as long as packing.
     """
     levels: U8 = sequence.masks.astype(np.uint8, copy=False)
-    pixel_format = firmware.profile(settings.firmware).pixel_format
-    compression = Compression[settings.compression.upper()]
+    pixel_format = firmware.PROFILES[settings.firmware].pixel_format
     primary, secondary = [], []
     for words in pack_planes(levels, sequence.bit_depth):
         left, right = split_halves(words) if dual else (words, None)
-        primary.append(encode_block(left, compression, pixel_format))
+        primary.append(encode_block(left, pixel_format))
         if right is not None:
-            secondary.append(encode_block(right, compression, pixel_format))
+            secondary.append(encode_block(right, pixel_format))
     return ImageSet(digest or digest_masks(sequence), tuple(primary), tuple(secondary))

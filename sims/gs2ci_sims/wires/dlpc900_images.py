@@ -1,6 +1,7 @@
-"""The reading of an uploaded pattern image by the DLPC900's firmware: a header, then one of three codings, strictly.
+"""The reading of an uploaded pattern image by the DLPC900's firmware: a header, then ERLE, strictly.
 
-Here: bytes → 24-bit words, or an error with its reason. Not here: loading, memory, display (`dlpc900`). It shares no
+Here: bytes → 24-bit words, or an error with its reason. Not here: its two other
+codings, loading, memory, display (`dlpc900`). It shares no
 code with the driver's encoder, so that it detects errors there.
 """
 
@@ -36,30 +37,19 @@ def read_image(block: bytes, width: int, height: int) -> U32:
         raise BadImageError("no image signature")
     if (header[4] | header[5] << 8, header[6] | header[7] << 8) != (width, height):
         raise BadImageError("the image does not have the size of the mirrors")
-    if header[26] != 1 or header[25] > 2 or header[24] > 1:
+    if header[26] != 1 or header[25] != 2 or header[24] > 1:
         raise BadImageError("unknown byte order, compression or pixel format")
     size = int.from_bytes(header[8:12], "little")
     coded = np.frombuffer(bytearray(block), np.uint8, offset=HEADER_BYTES)
     if not size <= coded.size <= size + _MAX_SLACK_BYTES:
         raise BadImageError("the header's size is not the size sent")
-    reader = (_read_plain, _read_rle, _read_erle)[header[25]]
     words = np.zeros(height * width, np.uint32)
-    end = reader(coded[:size], width, words)
+    end = _read_erle(coded[:size], width, words)
     if end < 0:
         raise BadImageError("the coded pixels break their grammar")
     if size - end > _MAX_SLACK_BYTES:
         raise BadImageError("bytes follow the end of the image")
     return words.reshape(height, width)
-
-
-def _read_plain(coded: U8, width: int, words: U32) -> int:
-    stride = (3 * width + 15) & ~15
-    height = words.size // width
-    if coded.size < stride * height:
-        return -1
-    rows = coded[: stride * height].reshape(height, stride)[:, : 3 * width].astype(np.uint32)
-    words[:] = (rows[:, 0::3] * 65536 + rows[:, 1::3] * 256 + rows[:, 2::3]).ravel()
-    return stride * height
 
 
 _REPEAT, _LITERAL, _COPY, _ROW_END, _CUT = 0, 1, 2, 3, 4
@@ -127,33 +117,5 @@ def _read_erle(coded: U8, width: int, words: U32) -> int:
                 return -1
             _fill(coded, i, words, cursor, count, 3 if kind == _LITERAL else 0)
             i += 3 * stored
-        cursor += count
-    return -1
-
-
-@kernel(u8_1, i64, u32_1)
-def _read_rle(coded: U8, width: int, words: U32) -> int:
-    """Fill `words` from a flat cursor; return the byte behind the end mark, or -1."""
-    total = words.size
-    cursor = 0
-    row_end = width
-    i = 0
-    while i + 1 < coded.size:
-        literal = coded[i] == 0
-        count = int(coded[i + 1]) if literal else int(coded[i])
-        i += 2 if literal else 1
-        if literal and count == 0:
-            if cursor != row_end:
-                return -1
-            row_end += width
-            i = (i + 3) // 4 * 4
-            continue
-        if literal and count == 1:
-            return i if cursor == total and row_end == total + width else -1
-        stored = count if literal else 1
-        if cursor + count > row_end or row_end > total or i + 3 * stored > coded.size:
-            return -1
-        _fill(coded, i, words, cursor, count, 3 if literal else 0)
-        i += 3 * stored
         cursor += count
     return -1

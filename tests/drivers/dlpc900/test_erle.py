@@ -1,7 +1,6 @@
 """ERLE coding: golden streams, round trips through the driver's and the firmware's decoder, damaged streams."""
 
 from contextlib import suppress
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,9 +11,7 @@ from gs2ci.core.arrays import U32
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900 import erle
 from gs2ci_sims.wires.dlpc900_images import BadImageError
-from tests.drivers.dlpc900.firmware import reads
-
-read = partial(reads, compression=2)
+from tests.drivers.dlpc900.firmware import reads as read
 
 
 def test_all_on_in_pattern_0_is_the_reference_stream_of_6484_bytes() -> None:

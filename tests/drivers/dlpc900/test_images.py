@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.images import (
-    Compression,
     encode_block,
     pack_planes,
     place_of,
@@ -24,16 +23,11 @@ def test_the_reference_header_is_these_48_bytes() -> None:
     assert header == bytes.fromhex("53706c64 8007 3804 54190000 ffffffffffffffff 00000000 01 02 01" + "00" * 21)
 
 
-@pytest.mark.parametrize("compression", Compression)
 @pytest.mark.parametrize("width", [1, 5, 16, 33])
-def test_a_block_comes_back_in_every_coding_through_the_firmware(compression: Compression, width: int) -> None:
+def test_a_block_comes_back_through_the_firmware(width: int) -> None:
     words = np.random.default_rng(3).integers(0, 1 << 24, (7, width), dtype=np.uint32)
-    block = encode_block(words, compression, pixel_format=0)
+    block = encode_block(words, pixel_format=0)
     np.testing.assert_array_equal(read_image(block, width, 7), words)
-
-
-def test_uncompressed_rows_are_aligned_to_16_bytes() -> None:
-    assert len(encode_block(np.zeros((3, 6), np.uint32), Compression.NONE)) == 48 + 3 * 32
 
 
 @pytest.mark.parametrize("depth_bits", range(1, 9))
@@ -82,7 +76,6 @@ def _with(block: bytes, at: int, *values: int) -> bytes:
 
 
 BLOCK = encode_block(np.arange(6, dtype=np.uint32).reshape(2, 3))
-PLAIN = encode_block(np.arange(6, dtype=np.uint32).reshape(2, 3), Compression.NONE)
 BROKEN = {
     "cut": BLOCK[:40],
     "signature": _with(BLOCK, 0, 0),
@@ -93,7 +86,6 @@ BROKEN = {
     "size too small": _with(BLOCK, 8, 4),
     "size of the mirrors": _with(BLOCK, 4, 4, 0),
     "stream": _with(BLOCK, 48, 255, 255),
-    "plain without its last row": _with(PLAIN[:-16], 8, 16),
 }
 
 

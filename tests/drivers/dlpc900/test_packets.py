@@ -29,7 +29,7 @@ GOLDEN = {
     "40 01 0E 00 34 1A 05 00 69 00 00 71 00 00 00 00 00 28": write_request(
         Command.LUT_ENTRY, LutEntry(5, 105, bit_position=5).encode(), 1
     ),
-    "C0 11 02 00 00 11": read_request(Command.CURTAIN_COLOUR, 0x11),
+    "C0 11 02 00 05 02": read_request(Command.VERSIONS, 0x11),
 }
 
 

@@ -13,11 +13,10 @@ from gs2ci_drivers.dlpc900.packets import MalformedHidReplyError
 from gs2ci_drivers.dlpc900.payloads import (
     HardwareStatus,
     MainStatus,
-    Version,
-    Versions,
     decode_byte,
     decode_hardware_type,
     decode_text,
+    decode_version,
     encode_block_load,
     encode_image_chunks,
     encode_image_start,
@@ -76,21 +75,19 @@ def test_a_block_of_whole_chunks_ends_without_an_empty_one() -> None:
 
 
 def test_main_status_names_its_bits() -> None:
-    assert MainStatus.decode(b"\x01") == MainStatus(True, False, False, False)
-    assert MainStatus.decode(b"\x02") == MainStatus(False, True, False, False)
-    assert MainStatus.decode(b"\x0c") == MainStatus(False, False, True, True)
+    assert MainStatus.decode(b"\x01") == MainStatus(True, False)
+    assert MainStatus.decode(b"\x0e") == MainStatus(False, True)
 
 
 def test_hardware_status_names_its_faults() -> None:
-    assert HardwareStatus.decode(b"\x11") == HardwareStatus(True, True, ())
+    assert HardwareStatus.decode(b"\x11") == HardwareStatus(True, ())
     assert HardwareStatus.decode(b"\x41").faults == ("sequencer aborted",)
     assert len(HardwareStatus.decode(b"\xce").faults) == 6
 
 
 def test_versions_are_patch_minor_major() -> None:
     data = bytes.fromhex("01000206 00000002 05000300 00010004")
-    assert Versions.decode(data).application == Version(6, 2, 1)
-    assert str(Versions.decode(data).sequencer_config) == "4.0.256"
+    assert decode_version(data) == (6, 2, 1)
 
 
 def test_text_ends_at_its_nul_and_what_follows_is_stale() -> None:
@@ -104,7 +101,7 @@ def test_text_ends_at_its_nul_and_what_follows_is_stale() -> None:
     [
         MainStatus.decode,
         HardwareStatus.decode,
-        Versions.decode,
+        decode_version,
         decode_hardware_type,
         lambda d: decode_byte(d, "it"),
     ],
@@ -116,8 +113,8 @@ def test_an_empty_register_is_malformed(decode: Callable[[bytes], object]) -> No
 
 @given(st.binary(max_size=64))
 def test_any_bytes_are_a_register_or_a_typed_error(data: bytes) -> None:
-    for decode in (MainStatus.decode, HardwareStatus.decode, Versions.decode, decode_hardware_type):
+    for decode in (MainStatus.decode, HardwareStatus.decode, decode_version, decode_hardware_type):
         try:
             decode(data)
         except MalformedHidReplyError:
-            assert len(data) < 16
+            assert len(data) < 4

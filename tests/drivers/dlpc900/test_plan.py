@@ -53,7 +53,7 @@ def test_two_controllers_get_a_half_each_in_the_order_of_the_manual() -> None:
 
 
 def test_size_and_time_are_the_sum_over_blocks() -> None:
-    images = encode_images(SEQUENCE, Dlpc900Options(compression="rle"), dual=True)
+    images = encode_images(SEQUENCE, Dlpc900Options(), dual=True)
     blocks = images.primary + images.secondary
     assert images.total_bytes == sum(len(block) for block in blocks)
     assert images.upload_s == pytest.approx(sum(upload_s(len(block)) for block in blocks))
