@@ -4,11 +4,10 @@ Here: `CameraModel`, `V4l2Twin` as those of `gs2ci_sims.wires`, with what a rig 
 (`v4l2_processing`).
 """
 
-import ctypes
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
-from errno import EFAULT, ENOSPC, ENOTTY
+from errno import EFAULT, ENOTTY
 from typing import Literal
 
 import numpy as np
@@ -29,7 +28,6 @@ from gs2ci_sims.wires.v4l2_controls import (
     MENU,
     NEXT_CONTROL,
     ControlBank,
-    no_such_value,
 )
 from gs2ci_sims.wires.v4l2_controls import TwinControl as PlainControl
 from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
@@ -38,7 +36,6 @@ from tests.twins.shutter import OddShutter
 from tests.twins.v4l2_processing import ARRAY, HAS_PAYLOAD, INACTIVE, TwinControl, process, processing_controls
 
 CAP_CAPTURE_MULTI, MULTI = 0x1000, 9
-WHICH_DEFAULT = 0x0F000000
 CID_EXPOSURE_AUTO, CID_EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
 CID_TEGRA_GAIN, CID_TEGRA_EXPOSURE, CID_TEGRA_RATE, CID_OVERRIDE = 0x009A2009, 0x009A200A, 0x009A200B, 0x009A2065
 INTEGER_MENU = 9
@@ -151,10 +148,6 @@ class OddBank(ControlBank):
         """Give the camera a further control."""
         self._controls = dict(sorted({**self._controls, control.cid: control}.items()))
 
-    def leave_data(self, name: str, data: bytes) -> None:
-        """Set an array as another program does."""
-        next(one for one in self._controls.values() if one.name == name).data = data  # type: ignore[attr-defined]
-
     def frame_size(self, height: int, width: int) -> None:
         if CID_HBLANK in self:
             super().frame_size(height, width)
@@ -185,12 +178,10 @@ class OddBank(ControlBank):
         if not isinstance(control, TwinControl):
             return
         flags, size, elements, dimensions = struct.unpack_from("<IIII", argument, 72)
+        if control.kind == ARRAY:
+            flags, size, elements, dimensions = flags | HAS_PAYLOAD, 2, 32, 1
         if control.inactive_while is not None and self[control.inactive_while]:
             flags |= INACTIVE
-        if control.data:
-            flags, dimensions = flags | HAS_PAYLOAD, int(control.kind == ARRAY)
-            size = 2 if control.kind == ARRAY else len(control.data)
-            elements = len(control.data) // size
         struct.pack_into("<IIII", argument, 72, flags, size, elements, dimensions)
 
     def query_menu(self, argument: bytearray) -> None:
@@ -198,24 +189,6 @@ class OddBank(ControlBank):
         cid, index = struct.unpack_from("<II", argument, 0)
         if self._find(cid).kind == INTEGER_MENU:
             struct.pack_into("<q24x", argument, 8, int(self._find(cid).menu[index]))
-
-    def _exchange(self, control: PlainControl, payload: bytearray, at: int, which: int, *, write: bool) -> None:
-        """Copy an array to or from the memory that the entry points to, as the kernel does.
-
-        Raises:
-            OSError: ENOSPC: the memory is too small.
-        """
-        if not isinstance(control, TwinControl) or not control.data:
-            super()._exchange(control, payload, at, which, write=write)
-            return
-        size, pointer = struct.unpack_from("<I4xQ", payload, at + 4)
-        if size < len(control.data):
-            raise no_such_value(ENOSPC)
-        if not write:
-            data = control.default_data if which == WHICH_DEFAULT else control.data
-            ctypes.memmove(pointer, data, len(control.data))
-        elif not self._faults.take("v4l2.control_ignored", control.name):
-            control.data = ctypes.string_at(pointer, len(control.data))
 
     def _set(self, control: PlainControl, value: int) -> None:
         if control.cid == CID_AUTOGAIN and control.value and not control.rounded(value):

@@ -9,7 +9,7 @@ and writing them (`v4l2`).
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from gs2ci.core.arrays import U16
 from gs2ci_sims.wires import v4l2_controls
 from gs2ci_sims.wires.v4l2_controls import BOOLEAN, BUTTON, CID_ANALOGUE_GAIN, CID_AUTOGAIN, INTEGER, MENU, READ_ONLY
 
-STRING, ARRAY = 7, 0x0101
+ARRAY = 0x0101
 INACTIVE, HAS_PAYLOAD, MODIFY_LAYOUT = 0x10, 0x100, 0x400
 
 CID_DIGITAL_GAIN = 0x009F0905
@@ -34,16 +34,9 @@ class TwinControl(v4l2_controls.TwinControl):
 
     Args:
         inactive_while: A switch: while it is on, this control has no effect.
-        data: The value of an array, whose control then has no number.
     """
 
     inactive_while: int | None = None
-    data: bytes = b""
-    default_data: bytes = field(init=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.default_data = self.data
 
 
 def processing_controls(gamma: int = 100) -> Iterable[TwinControl]:
@@ -102,10 +95,7 @@ def process(pixels: U16, top: int, controls: Mapping[int, v4l2_controls.TwinCont
     off = {
         cid: one.value
         for cid, one in controls.items()
-        if (one.value != one.default or (isinstance(one, TwinControl) and one.data != one.default_data))
-        and cid not in UNSEEN
-        and one.kind != BUTTON
-        and not one.flags & READ_ONLY
+        if one.value != one.default and cid not in UNSEEN and one.kind != BUTTON and not one.flags & READ_ONLY
     }
     off.pop(CID_AUTOGAIN, None)  # it was on at power-up
     gamma = controls[CID_GAMMA].value if CID_GAMMA in controls else 100

@@ -304,8 +304,6 @@ class ControlType(enum.IntEnum):
     MENU = 3
     BUTTON = 4
     INTEGER64 = 5
-    CTRL_CLASS = 6
-    STRING = 7
     BITMASK = 8
     INTEGER_MENU = 9
 
@@ -355,7 +353,6 @@ FIELD_NONE: Final = 1
 EXPOSURE_MANUAL: Final = 1
 FORMAT_ACTIVE: Final = 1
 CTRL_WHICH_CUR_VAL: Final = 0
-CTRL_WHICH_DEF_VAL: Final = 0x0F000000
 
 
 def fourcc(name: str) -> int:

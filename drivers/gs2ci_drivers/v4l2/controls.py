@@ -11,7 +11,6 @@ import ctypes
 import difflib
 import errno
 import re
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
@@ -36,7 +35,6 @@ _NUMBERS: Final = (
     *_MENUS,
 )
 _MAX_CONTROLS: Final = 4096
-SHOWN_BYTES: Final = 16
 _FROZEN: Final = abi.ControlFlag.DISABLED | abi.ControlFlag.READ_ONLY
 
 
@@ -94,30 +92,6 @@ class Control:
 
 
 @dataclass(frozen=True)
-class Payload:
-    """A control whose value is an array, a structure or a text: a table of gains, a curve, a lens shading.
-
-    Args:
-        cid: Control number.
-        name: As `Control.name`.
-        kind: The kernel's number of its type.
-        size: Bytes.
-        flags: Why it cannot be set, if it cannot.
-    """
-
-    cid: int
-    name: str
-    kind: int
-    size: int
-    flags: abi.ControlFlag
-
-    @property
-    def settable(self) -> bool:
-        """Get whether a value can be written."""
-        return not self.flags & (_FROZEN | abi.ControlFlag.INACTIVE)
-
-
-@dataclass(frozen=True)
 class Applied:
     """The result of setting a control: the requested value, and the value in force."""
 
@@ -149,8 +123,8 @@ class ControlTable:
     def __init__(self, node: VideoNode) -> None:
         self._node = node
         self._controls: dict[int, Control] = {}
-        self.payloads: dict[int, Payload] = {}
-        """The controls whose values are arrays, structures or texts, by number."""
+        self.tables: dict[int, str] = {}
+        """Names of the arrays and structures that can be set, by number: they are neither read nor written here."""
         self.refresh()
 
     def __iter__(self) -> Iterator[Control]:
@@ -162,7 +136,7 @@ class ControlTable:
         Raises:
             DriverError: The node does not answer.
         """
-        self.payloads = {}
+        self.tables = {}
         self._controls = {control.cid: control for control in self._enumerate()}
 
     def _enumerate(self) -> Iterator[Control]:
@@ -175,10 +149,8 @@ class ControlTable:
             control = self._describe(query)
             if control is not None:
                 yield control
-            elif query.flags & abi.ControlFlag.HAS_PAYLOAD and not query.flags & abi.ControlFlag.DISABLED:
-                name, size = normal_name(query.name.decode("utf-8", "replace")), query.elem_size * query.elems
-                flags = abi.ControlFlag(query.flags & 0x7FFFFFFF)
-                self.payloads[cid] = Payload(cid, name, query.type, size, flags)
+            elif query.flags & abi.ControlFlag.HAS_PAYLOAD and not query.flags & _FROZEN:
+                self.tables[cid] = normal_name(query.name.decode("utf-8", "replace"))
 
     def _query(self, cid: int) -> abi.QueryExtCtrl | None:
         query, raw = allocate(abi.QueryExtCtrl)
@@ -250,33 +222,6 @@ class ControlTable:
         self._node.call(abi.Ioctl.G_EXT_CTRLS, raw, f"read control {control.name}", payload)
         return self._value(control, value)
 
-    def read_payload(self, payload: Payload, *, default: bool = False) -> bytes:
-        """Read the value of an array, a structure or a text, or its default.
-
-        Raises:
-            DriverError: The driver refuses, or does not answer.
-        """
-        data = bytearray(payload.size)
-        which = abi.CTRL_WHICH_DEF_VAL if default else abi.CTRL_WHICH_CUR_VAL
-        self._move(abi.Ioctl.G_EXT_CTRLS, payload, data, which)
-        return bytes(data)
-
-    def write_payload(self, payload: Payload, data: bytes) -> None:
-        """Write the value of an array, a structure or a text.
-
-        Raises:
-            DriverError: The driver refuses, or does not answer.
-        """
-        self._move(abi.Ioctl.S_EXT_CTRLS, payload, bytearray(data), abi.CTRL_WHICH_CUR_VAL)
-
-    def _move(self, request: abi.Ioctl, payload: Payload, data: bytearray, which: int) -> None:
-        entry, raw_entry = allocate(abi.ExtControl)
-        memory = (ctypes.c_char * len(data)).from_buffer(data)
-        entry.id, entry.size, entry.u.ptr = payload.cid, len(data), ctypes.addressof(memory)
-        batch, raw = allocate(abi.ExtControls)
-        batch.which, batch.count, batch.controls = which, 1, ctypes.addressof(entry)
-        self._node.call(request, raw, f"{request.name} {payload.name}", raw_entry)
-
     def values(self) -> dict[str, int | str]:
         """Read all values, by name; for one that the driver refuses to tell, the reason.
 
@@ -292,13 +237,6 @@ class ControlTable:
                     raise
                 except DriverError as error:
                     found[control.name] = f"not readable: {error.problem}"
-        for payload in self.payloads.values():
-            try:
-                found[payload.name] = _shown(self.read_payload(payload))
-            except DisconnectedError:
-                raise
-            except DriverError as error:
-                found[payload.name] = f"not readable: {error.problem}"
         return found
 
     def set(self, key: str | int, value: int) -> Applied:
@@ -360,8 +298,3 @@ class ControlTable:
         if control.kind is abi.ControlType.BITMASK:
             return int(entry.u.value) & 0xFFFFFFFF
         return int(entry.u.value)
-
-
-def _shown(data: bytes) -> str:
-    """Return a value of many bytes as text: short ones whole, others by their length and checksum."""
-    return data.hex() if len(data) <= SHOWN_BYTES else f"{len(data)} bytes, crc32 {zlib.crc32(data):08x}"

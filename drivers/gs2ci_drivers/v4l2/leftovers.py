@@ -81,8 +81,6 @@ NEUTRAL: Final = {
 OF_DRIVERS: Final[dict[str, dict[int, int]]] = {"uvcvideo": {0x00980910: 100}}
 """Neutral values by the standard of a kernel driver's devices: USB cameras count gamma in hundredths, and begin with
 "100 (gamma = 1) or 220 (gamma = 2.2)" (Microsoft, KSPROPERTY_VIDEOPROCAMP_GAMMA; UVC 1.5, Gamma Control)."""
-STRING: Final = 7
-"""Type of a control that holds a text, which is recorded only."""
 
 
 def is_automatic(control: Control) -> bool:
@@ -158,28 +156,10 @@ def reset(
     return notes
 
 
-def reset_payloads(table: ControlTable, device: str) -> list[str]:
-    """Write the defaults of arrays and structures that are off them; return a note for each that was.
-
-    Raises:
-        DeviceFaultError: One does not take its default.
-        DriverError: The node does not answer.
-    """
-    notes = []
-    for payload in table.payloads.values():
-        elsewhere = payload.cid & CLASS_MASK in ELSEWHERE or payload.cid in RECORDED or payload.kind == STRING
-        if elsewhere or not payload.settable or payload.flags & abi.ControlFlag.WRITE_ONLY:
-            continue
-        default = table.read_payload(payload, default=True)
-        if table.read_payload(payload) == default:
-            continue
-        table.write_payload(payload, default)
-        if table.read_payload(payload) != default:
-            raise DeviceFaultError(
-                device,
-                f"reset {payload.name}",
-                ["it does not take its default"],
-                remedy="power the camera off, or load its driver again",
-            )
-        notes.append(f"{device}: {payload.name} was off its default and has been reset")
-    return notes
+def name_tables(table: ControlTable, device: str) -> list[str]:
+    """Return a note for each array or structure that may change readings, of which the values are not known here."""
+    return [
+        f"{device}: {name} is an array, which stays as another program has left it and is not recorded"
+        for cid, name in table.tables.items()
+        if cid & CLASS_MASK not in ELSEWHERE and cid not in RECORDED
+    ]

@@ -205,7 +205,7 @@ class OpenCamera:
             kept |= exposure.controls
         notes = self._leftovers(kept, leftovers.is_automatic)
         for table in (self.controls, self._others):
-            notes += [] if table is None else leftovers.reset_payloads(table, self.name)
+            notes += [] if table is None else leftovers.name_tables(table, self.name)
         gain = None if config.gain_db is None else self._gain_control()
         return notes + self._leftovers(kept | ({gain.cid} if gain is not None else set()), lambda control: True)
 
