@@ -35,7 +35,7 @@ _DEFINED = {
     "gs2ci.api.plugins": ("list_plugins",),
     "gs2ci.api.preparing": ("compile_kernels",),
     "gs2ci.api.demonstration": ("demo_rig",),
-    "gs2ci.api.models": ("add_model", "list_models"),
+    "gs2ci.api.models": ("add_model", "export_model", "list_models"),
     "gs2ci.core.records": ("Shot", "Truth"),
     "gs2ci.core.progress": ("Progress", "Silent"),
     "gs2ci.core.errors": (

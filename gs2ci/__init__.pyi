@@ -7,6 +7,7 @@ from gs2ci.api.exports import export as export
 from gs2ci.api.exports import mesh as mesh
 from gs2ci.api.many import reconstruct_many as reconstruct_many
 from gs2ci.api.models import add_model as add_model
+from gs2ci.api.models import export_model as export_model
 from gs2ci.api.models import list_models as list_models
 from gs2ci.api.ophyd import ophyd_bench as ophyd_bench
 from gs2ci.api.plans import explain as explain
@@ -65,6 +66,7 @@ __all__ = [
     "evaluate",
     "explain",
     "export",
+    "export_model",
     "find_devices",
     "import_file",
     "list_models",

@@ -54,7 +54,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "evaluate": ("gs2ci.commands.evaluate", "score a run against a truth, the noise model, other views"),
     "measure": ("gs2ci.commands.measure", "measure the distance between two points of a run"),
     "tradeoff": ("gs2ci.commands.tradeoff", "measure accuracy against time for one shot"),
-    "models": ("gs2ci.commands.models", "add files of trained networks by name"),
+    "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "design": ("gs2ci.commands.design", "find the masks, travel and exposures that serve a bench"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation must include"),
     "calibrate": ("gs2ci.commands.calibrate", "calibrate a bench: sensor, masks, geometry, timing"),

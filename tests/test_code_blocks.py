@@ -36,7 +36,6 @@ NOT_RUN = {
     ("docs/python.md", "with gs2ci.open_rig("): "the same, on a simulated bench",
     ("docs/how-to.md", "from dataclasses import replace"): "tests/test_how_to.py runs it on a measurement and a log",
     ("docs/bluesky.md", "from bluesky import"): "tests/api/test_ophyd.py makes these calls on a simulated bench",
-    ("docs/commands/models.md", "import torch"): "tests/reconstruct/learned/test_vggt.py runs it on a small network",
     ("docs/many.md", "from dask_jobqueue"): "needs Slurm; its syntax is checked",
 }
 # First words of a line of shell that is not ours -> why it is not run.

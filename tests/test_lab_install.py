@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 import gs2ci
 from gs2ci import __version__, cli
@@ -21,7 +22,8 @@ from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.extras import EXTRAS, missing_extra
 from gs2ci.evaluate import viewer
 from gs2ci.evaluate.exports import depth_files
-from gs2ci.reconstruct.learned import lpips
+from gs2ci.reconstruct.learned import ffdnet
+from gs2ci.reconstruct.learned.weight_file import Convolution
 from gs2ci.render.backend import load_backend
 from gs2ci_drivers.links.alp_library import AlpLibrary
 from gs2ci_drivers.links.gentl import GenTlPort
@@ -194,8 +196,9 @@ def _read_a_mesh(folder):
     mesh_from_file(folder / "scene.glb")
 
 
-def _read_a_graph(folder):
-    lpips._Graph(folder / "model.onnx")
+def _write_a_model(folder):
+    layer = Convolution(torch.zeros(4, 5, 3, 3), torch.zeros(4))
+    ffdnet.export_ffdnet(ffdnet.FfdNet((layer,)), folder / "model.onnx")
 
 
 def _write_depth(folder):
@@ -221,7 +224,7 @@ ASKED = {
     "alp": _load_alp,
     "view": _serve,
     "mesh": _read_a_mesh,
-    "lpips": _read_a_graph,
+    "export": _write_a_model,
     "exr": _write_depth,
     "cluster": _join_a_cluster,
     "ophyd": _hand_to_bluesky,

@@ -11,7 +11,7 @@
     designing.py       design
     rigs.py            OpenRig, open_rig, find_devices; live_page.py: LivePage
     plans.py           plan, demo's rig file; sweeps.py: sweep, plans along a figure of the rig
-    models.py          add_model, list_models
+    models.py          add_model, export_model, list_models
     display.py         what a person sees of a long computation, at a terminal and in a notebook
     options.py         which numbers are allowed; overrides.py: what arguments mean for settings
 

@@ -14,7 +14,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "cluster": ("cryptography", "dask", "distributed"),
     "view": ("viser",),
     "mesh": ("trimesh",),
-    "lpips": ("onnx",),
+    "export": ("onnx",),
     "exr": ("OpenEXR",),
     "genicam": ("genicam", "harvesters"),
     "video": ("sdl2",),

@@ -18,7 +18,7 @@ from gs2ci.cli import COMMANDS
 NAMES = {
     "DeviceError", "Gaussians", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "OpenRig", "Progress",
     "ResourceError", "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "compile_kernels",
-    "decode", "demo_rig", "design", "evaluate", "explain", "export", "find_devices", "import_file",
+    "decode", "demo_rig", "design", "evaluate", "explain", "export", "export_model", "find_devices", "import_file",
     "list_models", "list_plugins", "load", "measure", "mesh", "open_rig", "open_run", "ophyd_bench",
     "plan", "reconstruct", "reconstruct_many", "recover", "save", "sweep", "tradeoff", "update_bundle",
 }  # fmt: skip

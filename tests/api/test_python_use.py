@@ -371,8 +371,8 @@ def test_words_that_the_parser_would_refuse_are_refused(examples):
                 call("measurement.npz", **wrong)
     with pytest.raises(gs2ci.InputError, match="no method"):
         gs2ci.decode(shot, "tv")
-    with pytest.raises(gs2ci.InputError, match="model name"):
-        gs2ci.add_model("unet", "weights.onnx")
+    with pytest.raises(gs2ci.InputError, match="network"):
+        gs2ci.export_model("unet", "weights.pth")
 
 
 OLD_CARD = Cuda((13, 0), (13, 0), (7, 5), (Card("cuda:0", "NVIDIA GeForce GTX 1080", (6, 1), 8192, 8000),))

@@ -24,8 +24,8 @@ from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
-from tests.benchmarks.ffdnet import export_ffdnet, read_ffdnet
 
 FILES = {"runner": "runner40_cacti.mat", "drop": "drop40_cacti.mat", "traffic": "traffic48_cacti.mat"}
 PUBLISHED = {

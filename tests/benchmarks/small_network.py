@@ -22,8 +22,8 @@ from torch import Tensor, nn
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.learned.onnx_models import trace
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
-from tests.benchmarks.ffdnet import trace
 from tests.tables.cases import Case
 
 TRAINED_ON: Final = ("boxes", "thicket", "corridor", "ball", "planes")
@@ -105,7 +105,8 @@ def export(network: nn.Module, path: Path) -> Path:
     given = (torch.rand(1, 1, 16, 24), torch.rand(1, 5, 16, 24), torch.ones(1, 1, 16, 24))
     plane = {2: "height", 3: "width"}
     axes = {"y": plane, "phi": {1: "views", **plane}, "total": plane, "views": {1: "views", **plane}}
-    return trace(network, dict(zip(("y", "phi", "total"), given, strict=True)), ["views"], axes, path)
+    trace(network, dict(zip(("y", "phi", "total"), given, strict=True)), ["views"], axes, str(path))
+    return path
 
 
 def run(path: Path, steps: int = STEPS) -> None:

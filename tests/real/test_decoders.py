@@ -8,8 +8,8 @@ from gs2ci.core.foreign.assemble import import_shots
 from gs2ci.core.foreign.options import ImportOptions
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, choose_coupling, gap_tv
+from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
-from tests.benchmarks.ffdnet import export_ffdnet, read_ffdnet
 
 
 def shots_of(path):

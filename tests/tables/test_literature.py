@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_models import add_model
-from tests.benchmarks.ffdnet import export_ffdnet, read_ffdnet
 from tests.tables.cases import Case
 from tests.tables.catalogue import TABLES, TableOptions
 from tests.tables.columns import RECONSTRUCTION

@@ -1,1 +1,1 @@
-"""Everything that needs trained weights: denoisers, perceptual distance, VGGT, decoders."""
+"""Everything that needs trained weights: denoisers, perceptual distance, VGGT, decoders, and conversion to ONNX."""

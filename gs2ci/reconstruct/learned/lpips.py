@@ -6,7 +6,6 @@ not compute; and the check against ONNX Runtime that the operators agree. Not he
 The file is the plain export of the original module: two images, [1, 3, H, W] float32 in [−1, 1], in, one number out.
 """
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, run_model
+from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, onnx_package, run_model
 
 _TRIAL_SIDE: Final = 64  # four halvings leave four pixels
 # Tolerance: convolutions sum in a different order in torch and in ONNX Runtime, in float32 over a million terms.
@@ -91,11 +90,7 @@ class _Graph:
     """A chain of operators as torch runs it."""
 
     def __init__(self, path: Path) -> None:
-        try:
-            onnx = importlib.import_module("onnx")
-        except ImportError as error:
-            needed = "reading an LPIPS model needs the package onnx"
-            raise InputError(needed, remedy="pip install 'gs2ci[lpips]'") from error
+        onnx = onnx_package("reading an LPIPS model")
         graph = onnx.load(str(path)).graph
         self._constants: dict[str, Tensor] = {
             one.name: _tensor(onnx.numpy_helper.to_array(one)) for one in graph.initializer

@@ -1,7 +1,7 @@
 """Denoisers from ONNX files, run by ONNX Runtime on the CPU.
 
 Here: the supported signatures of denoisers of single images, and how models of one and of three colours are given views
-of the other kind. Not here: how such a file is made, video denoisers (`onnx_video_denoiser`).
+of the other kind. Not here: how such a file is made (`ffdnet` exports one), video denoisers (`onnx_video_denoiser`).
 
 A model takes a noisy image, [N, C, H, W] float32 with C = 1 or 3 and full scale 1, and, unless it is blind, sigma:
 as a number, as [N] or [1], as [N, 1, 1, 1], or as a map of the image's height and width. It returns the denoised
@@ -55,7 +55,7 @@ class OnnxDenoiser(OnnxDenoising):
 
     kind = "a denoiser"
     called = "an image [N, 1 or 3, H, W] float32, then, if at all, sigma: [], [N], [N, 1, 1, 1] or [N, 1, H, W] float32"
-    missing = "name the ONNX file of a denoiser of yours, or take --denoiser tv"
+    missing = "`gs2ci models export-ffdnet WEIGHTS -o FILE` makes one"
     makes = "the denoised images, of the same shape"
 
     def is_one(self) -> bool:

@@ -1,21 +1,26 @@
 """Third-party model files: loading them by ONNX Runtime, and the list of those that the user has added.
 
-Here: opening a file with a clear error for every refusal, running it and checking its answer, and the list of models
-that the user has added by name. Not here: what any model takes and returns (`onnx_denoiser`,
-`paper.priors2d.onnx_prior`, `vggt`), and how a file is made. ONNX Runtime is imported when a model is loaded.
+Here: opening a file with a clear error for every refusal, running it and checking its answer, tracing a network into
+one, and the list of models that the user has added by name. Not here: what any model takes and returns
+(`onnx_denoiser`, `paper.priors2d.onnx_prior`, `vggt`). ONNX Runtime is imported when a model is loaded, the package
+`onnx` when a graph is written or read.
 """
 
 import hashlib
+import importlib
+import io
 import json
 import os
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError, StorageError
@@ -25,6 +30,81 @@ from gs2ci.reconstruct.choices import ModelName
 
 # Networks halve their images up to three times; sides that a model leaves open are padded to a multiple of this.
 SIDE_MULTIPLE: Final = 8
+# The operator set of files that are written here: old enough for any ONNX Runtime since 2022.
+OPSET: Final = 17
+
+
+def onnx_package(doing: str = "writing ONNX models") -> Any:
+    """Import the package `onnx`.
+
+    Args:
+        doing: What needs it, for the error.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        return importlib.import_module("onnx")
+    except ImportError as error:
+        raise InputError(f"{doing} needs the package onnx", remedy="pip install 'gs2ci[export]'") from error
+
+
+class _Traced(torch.nn.Module):
+    """The module that torch's exporter asks for, around anything that is called with tensors."""
+
+    def __init__(self, network: Callable[..., Any]) -> None:
+        super().__init__()
+        self._network = network
+
+    def forward(self, *given: Tensor) -> Any:
+        return self._network(*given)
+
+
+def trace(
+    network: Callable[..., Any],
+    given: Mapping[str, Tensor],
+    made: Sequence[str],
+    open_axes: Mapping[str, Mapping[int, str]] | None,
+    target: str | io.BytesIO,
+) -> None:
+    """Write what a network does with tensors as an ONNX graph.
+
+    Args:
+        network: A module, or another thing that is called with tensors; sizes that it reads from their `shape` stay
+            open where their axes are.
+        given: What it is called with while it is traced, by the names of the graph's inputs.
+        made: The names of its outputs.
+        open_axes: Axes of inputs and outputs that may have any length, with a name for each; None for no axis.
+        target: A file's path, or a buffer.
+    """
+    with warnings.catch_warnings(), torch.no_grad():
+        # Tracing warns about each of a network's assertions, and that another exporter exists.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            _Traced(network).eval(),
+            tuple(given.values()),
+            target,  # type: ignore[arg-type]  # this exporter takes a buffer as well
+            input_names=list(given),
+            output_names=list(made),
+            dynamic_axes=open_axes,
+            opset_version=OPSET,
+            dynamo=False,
+        )
+
+
+def write_traced(
+    network: Callable[..., Any], given: Mapping[str, Tensor], axes: Mapping[str, Mapping[int, str]], path: Path
+) -> Path:
+    """Write a denoiser's graph with its one output `denoised` to a file, which appears whole or not at all.
+
+    Raises:
+        InputError: The package `onnx` is not installed.
+        StorageError: The file cannot be written.
+    """
+    onnx_package()
+    content = io.BytesIO()
+    trace(network, given, ["denoised"], axes, content)
+    return write_whole(path, content.getvalue(), parents=True)
 
 
 def open_model(path: Path, remedy: str) -> Any:

@@ -28,7 +28,7 @@ class OnnxVideoDenoiser(OnnxDenoising):
 
     kind = "a video denoiser"
     called = "frames [N, F, 1 or 3, H, W] float32 with F fixed and odd and open sides, then sigma: [] or [N] float32"
-    missing = OnnxDenoiser.missing
+    missing = "`gs2ci models export-fastdvdnet WEIGHTS -o FILE` makes one"
     of = "frames"
     makes = "the middle frame"
 

@@ -2,7 +2,7 @@
 
 Here: the model's signature, the conversion of our views to its images and back, and an error for every way in which its
 output can be wrong. Not here: which outputs are accepted (`paper.hierarchy`), how such a file is made
-(docs/commands/models.md).
+(`vggt_export`).
 
 A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,
 with or without the leading 1:
@@ -29,7 +29,7 @@ from gs2ci.reconstruct.learned.onnx_models import OnnxModel, fixed_side, run_mod
 
 _PATCH: Final = 14
 LONGER_SIDE: Final = 518  # what it was trained at: the longer side
-_REMEDY: Final = "export it again (docs/commands/models.md says how), or take --geometry tracks"
+_REMEDY: Final = "export it again with `gs2ci models export-vggt`, or take --geometry tracks"
 _POSES: Final = ("pose_enc", "pose_encoding")
 _DEPTHS: Final = ("depth", "depth_map")
 # Tolerance: half precision inside the network gives about three digits.
@@ -58,7 +58,7 @@ class Vggt(OnnxModel):
     called = (
         "images [S, 3, H, W] or [1, S, 3, H, W] float32; pose_enc (or extrinsics and intrinsics), depth, depth_conf"
     )
-    missing = "docs/commands/models.md says how to make one; then `gs2ci models add vggt FILE`"
+    missing = "`gs2ci models export-vggt` makes one; `gs2ci models add vggt FILE`"
     wrap = _REMEDY
 
     def is_one(self) -> bool:
@@ -66,6 +66,12 @@ class Vggt(OnnxModel):
         names = {one.name for one in self.outputs}
         posed = names.intersection(_POSES) or {"extrinsics", "intrinsics"} <= names
         return self.ranks in ([4], [5]) and bool(posed and names.intersection(_DEPTHS))
+
+    @property
+    def taken(self) -> str:
+        """Get the number of views that it takes, in words."""
+        count = fixed_side(self.inputs[0].shape[-4])
+        return "any number of views" if count is None else f"exactly {count} views"
 
     def predict(self, views: F32, order: Sequence[int]) -> Prediction:
         """Predict poses and depth of views, [N, H, W, C] in [0, 1], given in some order; returned in that of `views`.

@@ -1,13 +1,7 @@
 """Models of VGGT's signature, and every way in which a file or its answer can be wrong."""
 
-import re
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import numpy as np
 import pytest
-import torch
 from onnx import TensorProto, numpy_helper
 
 from gs2ci.core.errors import InputError, NumericsError
@@ -145,44 +139,3 @@ def test_a_missing_file_and_an_unknown_operator_set_are_named(tmp_path, write_mo
         Vggt(tmp_path / "absent.onnx")
     with pytest.raises(InputError, match="cannot be loaded"):
         Vggt(model_of(write_model, LEVEL, opset=999))
-
-
-class Small(torch.nn.Module):
-    """The interface of VGGT's package: aggregator, camera head and depth head."""
-
-    def __init__(self):
-        super().__init__()
-        self.features = torch.nn.Conv2d(3, 4, 14, stride=14)
-        self.pose = torch.nn.Linear(4, 9)
-
-    def aggregator(self, images):
-        grid = self.features(images.flatten(0, 1))
-        return [grid.flatten(2).mean(2).reshape(*images.shape[:2], 4)], 0
-
-    def camera_head(self, tokens):
-        pose = self.pose(tokens[-1])
-        return [pose * 0, torch.cat([pose[..., :7], pose[..., 7:].sigmoid() + 0.2], dim=-1)]
-
-    def depth_head(self, tokens, images, patches_from):
-        depth = images.mean(2)[..., None] + 1
-        return depth, depth[..., 0]
-
-
-@pytest.mark.filterwarnings("ignore")  # of torch's exporter
-def test_a_file_made_as_the_docs_say_answers_as_the_network_for_any_number_of_views(tmp_path, monkeypatch):
-    for name in ("vggt", "vggt.models", "vggt.models.vggt"):
-        monkeypatch.setitem(sys.modules, name, ModuleType(name))
-    sys.modules["vggt.models.vggt"].VGGT = Small
-    monkeypatch.chdir(tmp_path)
-    torch.manual_seed(0)
-    torch.save(Small().state_dict(), "model.pt")
-    page = Path(__file__).parents[3] / "docs" / "commands" / "models.md"
-    made = {}
-    exec(re.search(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)[1], made)
-    views = np.random.default_rng(0).random((3, 518, 518, 3)).astype(np.float32)
-    found = Vggt(tmp_path / "vggt.onnx").predict(views, range(3))
-    with torch.no_grad():
-        tokens, _ = made["network"].aggregator(torch.from_numpy(views).permute(0, 3, 1, 2)[None])
-        pose = made["network"].camera_head(tokens)[-1][0].numpy()
-    np.testing.assert_allclose(found.world_to_camera[:, :3, 3], pose[:, :3], atol=1e-5)
-    np.testing.assert_allclose(found.depth, views.mean(3) + 1, atol=1e-5)

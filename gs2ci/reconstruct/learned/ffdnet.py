@@ -1,24 +1,19 @@
-"""FFDNet (Zhang, Zuo, Zhang 2018) as an ONNX denoiser, from its authors' weights, for comparisons.
+"""FFDNet (Zhang, Zuo, Zhang 2018): reading a user's trained weights and writing them as an ONNX denoiser.
 
-    python -m tests.benchmarks.ffdnet WEIGHTS FILE   writes FILE, which `gs2ci decode --denoiser onnx:FILE` takes
+Here: the network as its paper describes it, and the layouts of weight files. Not here: how its graph is traced
+(`onnx_models`), and running the model (`onnx_denoiser`).
 
-WEIGHTS is a state dictionary of PyTorch, grey or colour; only tensors are unpickled. The network rearranges an image
-into four half-sized ones, adds a map of sigma, runs 3 × 3 convolutions with ReLU in between at that size, and
-rearranges back. Batch normalisations are folded into the convolutions before them. Files do not state whether the map
-comes before the image or after it, nor whether the last layer returns the image or its noise: all four combinations are
-tried, and the one that denoises is used.
-
-Here also: `trace`, which writes any network as ONNX.
+The network rearranges an image into four half-sized ones, adds a map of sigma, runs 3 × 3 convolutions with ReLU in
+between at that size, and rearranges back. Batch normalisations are folded into the convolutions before them. Files do
+not state whether the map comes before the image or after it, nor whether the last layer returns the image or its noise:
+all four combinations are tried, and the one that denoises is used.
 """
 
 import re
-import sys
-import warnings
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import torch
@@ -27,65 +22,13 @@ from torch.nn import functional
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.learned.onnx_models import write_traced
+from gs2ci.reconstruct.learned.weight_file import Convolution, folded, read_state
 
 _PROBE_SIGMA: Final = 25 / 255
 # With the right order and sign less than a fifth of the noise of a smooth image remains, with each wrong combination
 # more than twice the noise.
 _PROBE_SHARE_LEFT: Final = 0.75
-_BATCH_NORM_EPSILON: Final = 1e-5
-# The operator set: old enough for any ONNX Runtime since 2022.
-_OPSET: Final = 17
-
-
-class _Traced(torch.nn.Module):
-    """The module that torch's exporter asks for, around anything that is called with tensors."""
-
-    def __init__(self, network: Callable[..., Any]) -> None:
-        super().__init__()
-        self._network = network
-
-    def forward(self, *given: Tensor) -> Any:
-        return self._network(*given)
-
-
-def trace(
-    network: Callable[..., Any],
-    given: Mapping[str, Tensor],
-    made: Sequence[str],
-    open_axes: Mapping[str, Mapping[int, str]],
-    path: Path,
-) -> Path:
-    """Write what a network does with tensors as an ONNX file; sizes that it reads from their `shape` may stay open.
-
-    Args:
-        network: A module, or another thing that is called with tensors.
-        given: What it is called with while it is traced, by the names of the graph's inputs.
-        made: The names of its outputs.
-        open_axes: Axes of inputs and outputs that may have any length, with a name for each.
-        path: The file.
-    """
-    with warnings.catch_warnings(), torch.no_grad():
-        # Tracing warns about each of a network's assertions, and that another exporter exists.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            _Traced(network).eval(),
-            tuple(given.values()),
-            str(path),
-            input_names=list(given),
-            output_names=list(made),
-            dynamic_axes=open_axes,
-            opset_version=_OPSET,
-            dynamo=False,
-        )
-    return path
-
-
-@dataclass(frozen=True)
-class Convolution:
-    """One layer: weight, [O, I, 3, 3], and bias, [O], float32."""
-
-    weight: Tensor
-    bias: Tensor
 
 
 @dataclass(frozen=True)
@@ -121,20 +64,24 @@ class FfdNet:
 
 
 def read_ffdnet(path: Path) -> FfdNet:
-    """Read a weight file: convolutions, each with or without a batch normalisation, numbered in their keys.
+    """Read a weight file.
+
+    Args:
+        path: A PyTorch state dictionary: convolutions, with or without bias, each with or without a batch
+            normalisation after it, numbered in their keys.
 
     Raises:
-        InputError: No such file, not the layers of an FFDNet, or weights that do not denoise.
+        InputError: No such file, not a state dictionary, not the layers of an FFDNet, or weights that do not denoise.
+
+    Only tensors are unpickled: a weight file cannot run code.
     """
-    if not path.is_file():
-        raise InputError(f"no weight file {path}")
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    layers = _layers({name: value.float() for name, value in state.get("state_dict", state).items()})
-    if not _chained(layers):
-        raise InputError(f"{path} does not hold the layers of an FFDNet")
+    layers = _layers(read_state(Path(path), "FFDNet"), Path(path))
     network = _resolve(FfdNet(layers))
     if network is None:
-        raise InputError(f"the weights in {path} do not denoise, in whatever order their inputs are taken")
+        raise InputError(
+            f"the weights in {path} do not denoise, in whatever order their inputs are taken",
+            allowed="trained FFDNet weights, for images with full scale 1",
+        )
     return network
 
 
@@ -142,29 +89,33 @@ def export_ffdnet(network: FfdNet, path: Path) -> Path:
     """Write the network as an ONNX model: `noisy` [n, C, h, w] and `sigma` [n] to `denoised` [n, C, h, w].
 
     Height and width must be even; `OnnxDenoiser` pads others.
+
+    Args:
+        network: What `read_ffdnet` returned.
+        path: The file to write; it appears whole or not at all.
+
+    Raises:
+        InputError: The package `onnx` is not installed.
+        StorageError: The file cannot be written.
     """
     sides = {0: "n", 2: "h", 3: "w"}
     given = {"noisy": torch.zeros(1, network.channels, 8, 8), "sigma": torch.zeros(1)}
-    return trace(network, given, ["denoised"], {"noisy": sides, "sigma": {0: "n"}, "denoised": sides}, path)
+    return write_traced(network, given, {"noisy": sides, "sigma": {0: "n"}, "denoised": sides}, path)
 
 
-def _layers(state: Mapping[str, Tensor]) -> tuple[Convolution, ...]:
+def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
     """Sort the tensors by the numbers in their names; fold each batch normalisation into the layer before it."""
     modules: dict[int, dict[str, Tensor]] = {}
     for name, tensor in state.items():
         if match := re.search(r"(\d+)\.(weight|bias|running_mean|running_var)$", name):
             modules.setdefault(int(match[1]), {})[match[2]] = tensor
-    layers: list[Convolution] = []
-    for _, module in sorted(modules.items()):
-        weight = module["weight"]
-        if weight.ndim == 4:
-            layers.append(Convolution(weight, module.get("bias", torch.zeros(len(weight)))))
-            continue
-        before, double = layers[-1], {name: tensor.double() for name, tensor in module.items()}
-        scale = double["weight"] / torch.sqrt(double["running_var"] + _BATCH_NORM_EPSILON)
-        bias = (before.bias.double() - double["running_mean"]) * scale + double["bias"]
-        layers[-1] = Convolution((before.weight.double() * scale[:, None, None, None]).float(), bias.float())
-    return tuple(layers)
+    layers = folded(module for _, module in sorted(modules.items()))
+    if not _chained(layers):
+        raise InputError(
+            f"{path} does not hold the layers of an FFDNet",
+            allowed="3 x 3 convolutions from 5 (grey) or 13 (colour) channels back to 4 or 12",
+        )
+    return layers
 
 
 def _chained(layers: tuple[Convolution, ...]) -> bool:
@@ -195,7 +146,3 @@ def _probe_image() -> F64:
     y, x = np.mgrid[:64, :64] / 64
     disc = np.hypot(x - 0.4, y - 0.6) < 0.25
     return 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
-
-
-if __name__ == "__main__":
-    print(export_ffdnet(read_ffdnet(Path(sys.argv[1])), Path(sys.argv[2])))
