@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import U16
-from gs2ci.core.errors import DeviceError, InputError
+from gs2ci.core.errors import DeviceError
 
 HEIGHT: Final = 1200
 WIDTH: Final = 1920
@@ -43,13 +43,7 @@ class SlmFrameKind(enum.IntEnum):
 
 
 def control(text: str) -> bytes:
-    """Build a command frame: two letters, numbers, line feed.
-
-    Raises:
-        InputError: Not ASCII, or longer than the frame.
-    """
-    if not text.isascii() or not text.isprintable() or len(text) >= TEXT_BYTES:
-        raise InputError(f"command {text!r}", allowed=f"printable ASCII below {TEXT_BYTES} characters")
+    """Build a command frame: two letters, numbers, line feed."""
     payload = text.encode("ascii") + b"\n"
     return _header(_TEXT_CODE, SlmFrameKind.CONTROL) + payload.ljust(TEXT_BYTES, b"\0")
 
@@ -68,15 +62,7 @@ def image(levels: U16) -> bytes:
 
     Args:
         levels: [1200, 1920] uint16, 0 to 1023.
-
-    Raises:
-        InputError: Another shape, or a level above 1023.
     """
-    if levels.shape != (HEIGHT, WIDTH) or int(levels.max()) > TOP_LEVEL:
-        raise InputError(
-            f"an image of shape {list(levels.shape)} with levels up to {int(levels.max())}",
-            allowed=f"[{HEIGHT}, {WIDTH}] with levels up to {TOP_LEVEL}",
-        )
     frames = np.zeros((HEIGHT, HEADER_BYTES + ROW_BYTES), np.uint8)
     headers = b"".join(_header(_ROW_CODE, SlmFrameKind.IMAGE_ROW, row) for row in range(HEIGHT))
     frames[:, :HEADER_BYTES] = np.frombuffer(headers, np.uint8).reshape(HEIGHT, HEADER_BYTES)

@@ -20,14 +20,11 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import I64, U32, Bool
-from gs2ci.core.errors import InputError
 
 # Inside a literal run a pixel takes 3 bytes. Leaving it for a run is worthwhile only if that saves more than the run's
 # header and the header of the literal run that follows.
 _COPY_BREAKS_LITERAL: Final = 2
 _REPEAT_BREAKS_LITERAL: Final = 3
-# The widest run that two count bytes can carry: seven bits and eight.
-MAX_WIDTH: Final = 0x7FFF
 
 
 def encode(words: U32) -> bytes:
@@ -39,12 +36,8 @@ def encode(words: U32) -> bytes:
     Returns:
         The stream without image header. Greedy: within a few bytes per row of the shortest for masks.
 
-    Raises:
-        InputError: The array is empty, not 2-D, not 24-bit, or wider than 32767.
-
     DLPU018, section 2.4.3.
     """
-    _check_words(words)
     copied = np.zeros(words.shape, bool)
     copied[1:] = words[1:] == words[:-1]
     # Most rows of masks repeat the one above, and are one copy of it.
@@ -109,21 +102,3 @@ def _run_lengths(true: Bool) -> I64:
     columns = np.arange(true.shape[1])
     next_false = np.minimum.accumulate(np.where(true, true.shape[1], columns)[:, ::-1], axis=1)[:, ::-1]
     return next_false - columns
-
-
-def _check_words(words: U32) -> None:
-    """Check that words, [H, W] uint32, can be coded.
-
-    Raises:
-        InputError: The array is empty, has another shape or type, more than 24 bits, or rows too wide.
-    """
-    if words.ndim != 2 or words.size == 0 or words.dtype != np.uint32 or words.shape[1] > MAX_WIDTH:
-        raise InputError(
-            f"a pattern image of shape {words.shape} and type {words.dtype} cannot be coded",
-            allowed=f"[H, W] uint32 with 1 to {MAX_WIDTH} columns",
-        )
-    if int(words.max()) >> 24:
-        raise InputError(
-            f"a pattern image holds the word {int(words.max()):#x}",
-            allowed="24 bit-planes: words up to 0xffffff",
-        )

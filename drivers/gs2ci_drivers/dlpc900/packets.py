@@ -13,14 +13,13 @@ import enum
 from dataclasses import dataclass
 from typing import Final
 
-from gs2ci.core.errors import DeviceError, InputError
+from gs2ci.core.errors import DeviceError
 
 VENDOR_ID: Final = 0x0451
 PRODUCT_ID: Final = 0xC900
 REPORT_BYTES: Final = 64
 # One buffer of 512 bytes serves both directions; header (4) and command (2) take their bytes from it.
 BUFFER_BYTES: Final = 512
-MAX_DATA_BYTES: Final = 506
 MAX_REPLY_BYTES: Final = BUFFER_BYTES - 4
 
 _READ: Final = 0x80
@@ -104,31 +103,16 @@ def describe_error(code: int) -> ErrorCode:
 
 
 def read_request(command: Command, sequence: int) -> bytes:
-    """Build a message that reads `command`; the device answers with its data.
-
-    Raises:
-        InputError: The sequence number does not fit.
-    """
+    """Build a message that reads `command`; the device answers with its data."""
     return _request(_READ | _REPLY_WANTED, command, sequence, b"")
 
 
 def write_request(command: Command, data: bytes, sequence: int, *, acknowledge: bool = True) -> bytes:
-    """Build a message that writes `data` to `command`, with or without an acknowledgement.
-
-    Raises:
-        InputError: The data or the sequence number does not fit.
-    """
+    """Build a message that writes `data` to `command`, with or without an acknowledgement."""
     return _request(_REPLY_WANTED if acknowledge else 0, command, sequence, data)
 
 
 def _request(flags: int, command: Command, sequence: int, data: bytes) -> bytes:
-    if not 0 <= sequence <= 0xFF:
-        raise InputError(f"DLPC900 sequence number {sequence}", allowed="0 to 255")
-    if len(data) > MAX_DATA_BYTES:
-        raise InputError(
-            f"DLPC900 command {command:#06x} with {len(data)} bytes of data",
-            allowed=f"at most {MAX_DATA_BYTES} bytes",
-        )
     length = (2 + len(data)).to_bytes(2, "little")
     return bytes([flags, sequence]) + length + int(command).to_bytes(2, "little") + data
 

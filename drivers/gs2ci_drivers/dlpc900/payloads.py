@@ -9,12 +9,10 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.packets import MalformedHidReplyError
 
 CHUNK_BYTES: Final = 504
 MAX_IMAGES: Final = 18
-MOST_BLOCKS: Final = 31
 
 
 class DisplayMode(enum.IntEnum):
@@ -41,27 +39,12 @@ def encode_lut_config(entries: int, count: int) -> bytes:
     """Encode how many entries the sequence has and how many are shown, 0 for endless (0x1A31).
 
     Whether `count` is in patterns or in repeats differs between firmware revisions: see `firmware`.
-
-    Raises:
-        InputError: `entries` is not 1 to 1024 or `count` exceeds 32 bits.
     """
-    if not 1 <= entries <= 1024:
-        raise InputError(f"a sequence of {entries} entries", allowed="1 to 1024")
-    if not 0 <= count <= 0xFFFFFFFF:
-        raise InputError(f"a sequence shown {count} times", allowed="0 to 2³² - 1")
     return struct.pack("<HI", entries, count)
 
 
 def encode_image_start(index: int, total_bytes: int) -> bytes:
-    """Encode the announcement of an image: index, and bytes including the 48-byte header (0x1A2A, 0x1A2C).
-
-    Raises:
-        InputError: The index is not 0 to 17, or the size exceeds 32 bits.
-    """
-    if not 0 <= index < MAX_IMAGES:
-        raise InputError(f"pattern image {index}", allowed=f"0 to {MAX_IMAGES - 1}")
-    if not 0 < total_bytes <= 0xFFFFFFFF:
-        raise InputError(f"pattern image {index} of {total_bytes} bytes", allowed="1 to 2³² - 1")
+    """Encode the announcement of an image: index, and bytes including the 48-byte header (0x1A2A, 0x1A2C)."""
     return struct.pack("<HI", index, total_bytes)
 
 
@@ -72,13 +55,7 @@ def encode_image_chunks(block: bytes) -> list[bytes]:
 
 
 def encode_block_load(first: int, count: int) -> bytes:
-    """Encode which mirror blocks are loaded: the first one, and their number (0x1A40, DLPU018 table 2-101).
-
-    Raises:
-        InputError: The range is empty or exceeds the 32 blocks that five bits can address.
-    """
-    if not (first >= 0 and count >= 1 and first + count <= MOST_BLOCKS):
-        raise InputError(f"{count} mirror blocks from {first} on", allowed=f"1 or more within {MOST_BLOCKS}")
+    """Encode which mirror blocks are loaded: the first one, and their number (0x1A40, DLPU018 table 2-101)."""
     return bytes([first, count])
 
 

@@ -8,7 +8,6 @@ import enum
 from dataclasses import dataclass
 from typing import Final
 
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.packets import REPORT_BYTES
 from gs2ci_drivers.dlpc900.payloads import CHUNK_BYTES, MAX_IMAGES
 
@@ -89,24 +88,10 @@ def min_exposure_us(model: DmdModel, depth_bits: int, *, blocks: int | None = No
         model: The mirror device.
         depth_bits: 1 to 8.
         blocks: How many mirror blocks are loaded (1-bit patterns); None for all.
-
-    Raises:
-        InputError: The depth or the number of blocks does not exist on this device.
     """
-    if not 1 <= depth_bits <= 8:
-        raise InputError(f"{model.name}: {depth_bits} bits per mask", allowed="1 to 8")
     if blocks is not None:
-        return _block_exposure_us(model, depth_bits, blocks)
+        return model.block_us[blocks - 1]
     return model.min_exposure_us[depth_bits - 1] if model.min_exposure_us else 1
-
-
-def _block_exposure_us(model: DmdModel, depth_bits: int, blocks: int) -> int:
-    if not 1 <= blocks <= model.blocks or depth_bits != 1:
-        raise InputError(
-            f"{model.name}: {depth_bits}-bit masks on {blocks} mirror blocks",
-            allowed=f"1-bit masks on 1 to {model.blocks} blocks" if model.blocks else "all blocks",
-        )
-    return model.block_us[blocks - 1]
 
 
 def max_patterns(model: DmdModel, depth_bits: int) -> int:

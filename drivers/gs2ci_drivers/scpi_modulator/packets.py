@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import U8, U16
-from gs2ci.core.errors import DeviceError, InputError
+from gs2ci.core.errors import DeviceError
 
 PROTOCOL: Final = "GS2CI-MOD"
 VERSION: Final = 1
@@ -50,25 +50,13 @@ def checksum(text: bytes) -> int:
 
 
 def request(tag: int, command: str) -> bytes:
-    """Build a tagged line.
-
-    Raises:
-        InputError: The tag is not 0 to 999, or the command is not one line of plain ASCII without "*" at its end.
-    """
-    if not 0 <= tag < TAGS or not command.isascii() or not command.isprintable():
-        raise InputError(f"request {command!r} with tag {tag}", allowed=f"printable ASCII, tags 0 to {TAGS - 1}")
+    """Build a tagged line of a command, one line of plain ASCII without "*" at its end."""
     text = f"{tag} {command}".encode("ascii")
     return b"@%b*%02X\n" % (text, checksum(text))
 
 
 def block_request(tag: int, index: int, data: bytes) -> bytes:
-    """Build the line that loads one mask; its CRC-32 covers index and data, so the line has no checksum.
-
-    Raises:
-        InputError: Tag or index is out of range.
-    """
-    if not 0 <= tag < TAGS or not 0 <= index <= 0xFFFF:
-        raise InputError(f"mask {index} with tag {tag}", allowed=f"masks 0 to 65535, tags 0 to {TAGS - 1}")
+    """Build the line that loads one mask; its CRC-32 covers index and data, so the line has no checksum."""
     length = str(len(data))
     head = f"@{tag} SEQ:DATA {index},{block_crc(index, data):08X},#{len(length)}{length}"
     return head.encode("ascii") + data + b"\n"

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gs2ci.core.arrays import U32
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900 import erle
 from gs2ci_sims.wires.dlpc900_images import BadImageError
 from tests.drivers.dlpc900.firmware import reads as read
@@ -115,18 +114,3 @@ def test_one_flipped_bit_never_hangs_or_crashes_the_firmware(data: st.DataObject
     stream[at] ^= 1 << data.draw(st.integers(0, 7))
     with suppress(BadImageError):
         assert read(bytes(stream), 12, 5).shape == (5, 12)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        np.zeros((0, 5), np.uint32),
-        np.zeros((2, 2, 2), np.uint32),
-        np.zeros((2, 2), np.uint8),
-        np.full((1, 1), 1 << 24, np.uint32),
-        np.zeros((1, 0x8000), np.uint32),
-    ],
-)
-def test_what_is_no_24_bit_image_is_refused(words: U32) -> None:
-    with pytest.raises(InputError, match="allowed"):
-        erle.encode(words)

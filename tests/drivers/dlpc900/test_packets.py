@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.lut import LutEntry
 from gs2ci_drivers.dlpc900.packets import (
     ERROR_CODES,
@@ -68,12 +67,6 @@ def test_a_reply_may_span_reports() -> None:
     reply = bytes.fromhex("C0 05 80 00") + text
     assert reply_reports(reply[:64]) == 3
     assert parse_reply(reply.ljust(192, b"\0")).data == text
-
-
-@pytest.mark.parametrize(("sequence", "size"), [(256, 0), (-1, 0), (0, 507)])
-def test_a_request_that_does_not_fit_is_refused(sequence: int, size: int) -> None:
-    with pytest.raises(InputError, match=r"allowed"):
-        write_request(Command.IMAGE_DATA, bytes(size), sequence)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import pytest
 
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.timing import (
     MODELS,
     DmdType,
@@ -47,20 +46,6 @@ def test_minimum_times_of_fewer_blocks_are_the_tables(row: str) -> None:
     assert [min_exposure_us(model, 1, blocks=i + 1) for i in range(model.blocks)] == [int(time) for time in times]
     assert model.height % model.blocks == 0
     assert int(times[-1]) == min_exposure_us(model, 1)
-
-
-@pytest.mark.parametrize(("bits", "blocks"), [(1, 0), (1, 16), (2, 3)])
-def test_blocks_that_do_not_exist_are_refused(bits: int, blocks: int) -> None:
-    with pytest.raises(InputError, match="1 to 15"):
-        min_exposure_us(MODELS[DmdType.DLP6500], bits, blocks=blocks)
-    with pytest.raises(InputError, match="all blocks"):
-        min_exposure_us(MODELS[DmdType.DLP5500], 1, blocks=1)
-
-
-@pytest.mark.parametrize("bits", [0, 9])
-def test_a_depth_that_does_not_exist_is_refused(bits: int) -> None:
-    with pytest.raises(InputError, match="1 to 8"):
-        min_exposure_us(MODELS[DmdType.DLP6500], bits)
 
 
 def test_capacity_is_memory_entries_or_images_whichever_is_least() -> None:

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.scpi_modulator.packets import (
     MalformedScpiReplyError,
     ScpiReply,
@@ -33,18 +32,6 @@ def test_a_block_carries_index_crc_and_length() -> None:
     crc = zlib.crc32(b"7:" + data)
     assert block_crc(7, data) == crc
     assert block_request(12, 7, data) == f"@12 SEQ:DATA 7,{crc:08X},#15".encode() + data + b"\n"
-
-
-@pytest.mark.parametrize(("tag", "command"), [(-1, "X"), (1000, "X"), (1, "Ä"), (1, "A\nB")])
-def test_a_request_that_is_no_line_is_refused(tag: int, command: str) -> None:
-    with pytest.raises(InputError, match="allowed"):
-        request(tag, command)
-
-
-@pytest.mark.parametrize(("tag", "index"), [(1000, 0), (0, 65536), (0, -1)])
-def test_a_block_out_of_range_is_refused(tag: int, index: int) -> None:
-    with pytest.raises(InputError, match="allowed"):
-        block_request(tag, index, b"")
 
 
 def test_a_reply_is_tag_and_text() -> None:
