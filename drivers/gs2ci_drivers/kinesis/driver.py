@@ -49,11 +49,12 @@ from gs2ci_drivers.kinesis.packets import (
     move_absolute,
     parse_info,
     parse_stage_memory,
+    set_homing,
     set_overshoot,
     set_speed,
     short,
 )
-from gs2ci_drivers.kinesis.stages import BRUSHLESS_SAMPLE_S, STAGES, StageModel
+from gs2ci_drivers.kinesis.stages import BRUSHLESS_SAMPLE_S, STAGES
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import Stage, StageInfo, StageStatus
 
@@ -61,6 +62,9 @@ POLL_S = 0.02
 STOP_TIMEOUT_S = 5.0
 HOME_WAY, HOME_SPARE_S = 1.5, 30.0
 """Of the travel, at the speed of homing, and what follows: the way back from the switch."""
+HOME_SHARE = 0.5
+"""Of the highest speed, for a channel without a speed of homing; it then homes in reverse, where positions begin."""
+REVERSE, REVERSE_SWITCH = 2, 1
 BEGIN_S = 0.1
 """How long after a request the status may not show the motion yet."""
 ARRIVAL_MM = 2e-3
@@ -172,6 +176,7 @@ class KinesisStage(Stage):
             self._set.pop(axis, None)
             self._straight.discard(axis)
             self._enable(axis)
+            self._give_home_speed(axis)
             self._link.send(short(Message.MOT_MOVE_HOME, self._dest[axis]), f"home {axis}")
         self._begun_s = self.clock.now_s()
         self._wait_at_rest(timeout_s, "home")
@@ -186,12 +191,30 @@ class KinesisStage(Stage):
 
     def _do_home_time_s(self, axes: tuple[str, ...]) -> float:
         # They home together, each at a speed of its own, which another program may have set.
-        return max(self._home_time_s(self._models[axis], self._dest[axis]) for axis in axes)
+        return max(self._home_time_s(axis) for axis in axes)
 
-    def _home_time_s(self, model: StageModel, dest: int) -> float:
-        data = self._link.ask(Message.MOT_REQ_HOMEPARAMS, dest, 14).data
-        speed = abs(struct.unpack_from("<HHHi", data)[3]) * model.speed_unit_mm_s
-        return HOME_SPARE_S + HOME_WAY * model.travel_mm / speed if speed else 0.0
+    def _home_time_s(self, axis: str) -> float:
+        model, speed = self._models[axis], abs(self._homing(axis)[2]) * self._models[axis].speed_unit_mm_s
+        return HOME_SPARE_S + HOME_WAY * model.travel_mm / (speed or model.max_speed_mm_s * HOME_SHARE)
+
+    def _homing(self, axis: str) -> tuple[int, int, int, int]:
+        """Ask how a channel homes: direction, limit switch, speed, offset."""
+        data = self._link.ask(Message.MOT_REQ_HOMEPARAMS, self._dest[axis], 14).data
+        direction, switch, speed, offset = struct.unpack_from("<HHii", data, 2)
+        return direction, switch, speed, offset
+
+    def _give_home_speed(self, axis: str) -> None:
+        """Give a channel a speed of homing that has none: Kinesis sets it at each start, and some do not keep it."""
+        direction, switch, speed, offset = self._homing(axis)
+        if speed:
+            return
+        model = self._models[axis]
+        speed = round(model.max_speed_mm_s * HOME_SHARE / model.speed_unit_mm_s)
+        how = (direction or REVERSE, switch or REVERSE_SWITCH, speed, offset)
+        self._link.send(set_homing(self._dest[axis], *how), f"set the speed of homing of {axis}")
+        self.incidents.append(
+            f"{self.name}: axis {axis} had no speed of homing, and got {model.max_speed_mm_s * HOME_SHARE:.3g} mm/s"
+        )
 
     def _do_begin_move(self, targets_mm: Mapping[str, float], speed_mm_s: float) -> None:
         self._targets = {axis: self._models[axis].counts(target) for axis, target in targets_mm.items()}

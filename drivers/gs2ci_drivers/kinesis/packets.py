@@ -44,6 +44,7 @@ class Message(IntEnum):
     MOT_SET_GENMOVEPARAMS = 0x043A
     MOT_REQ_GENMOVEPARAMS = 0x043B
     MOT_GET_GENMOVEPARAMS = 0x043C
+    MOT_SET_HOMEPARAMS = 0x0440
     MOT_REQ_HOMEPARAMS = 0x0441
     MOT_GET_HOMEPARAMS = 0x0442
     MOT_MOVE_HOME = 0x0443
@@ -157,6 +158,12 @@ def set_speed(dest: int, acceleration: int, speed: int) -> bytes:
 def set_overshoot(dest: int, counts: int) -> bytes:
     """Return the setting of how far moves in reverse pass their target before they come back to it ("backlash")."""
     return long(Message.MOT_SET_GENMOVEPARAMS, dest, struct.pack("<Hi", CHANNEL, counts))
+
+
+def set_homing(dest: int, direction: int, switch: int, speed: int, offset: int) -> bytes:
+    """Return the setting of how a channel homes."""
+    data = struct.pack("<HHHii", CHANNEL, direction, switch, speed, offset)
+    return long(Message.MOT_SET_HOMEPARAMS, dest, data)
 
 
 def find_message(buffer: bytes, sources: frozenset[int]) -> tuple[AptMessage | None, bytes, int]:

@@ -55,7 +55,7 @@ class AptAxis:
         mechanics: The errors between counted and true position.
         overshoot_mm: Backlash distance at power-up; direct drives have none.
         part: Part number in its plug.
-        home_mm_s: Speed of homing; 0 takes half that of moves.
+        home_mm_s: Speed of homing; None takes half that of moves. At 0 it does not move.
     """
 
     counts_per_mm: float = 20000.0
@@ -67,7 +67,7 @@ class AptAxis:
     mechanics: Mechanics = field(default_factory=Mechanics)
     overshoot_mm: float = 0.0
     part: str = "MLS203"
-    home_mm_s: float = 0.0
+    home_mm_s: float | None = None
 
     @property
     def speed_unit(self) -> float:
@@ -117,7 +117,8 @@ class _Axis:
     def reset_settings(self) -> None:
         self.speed = round(self.built.speed_mm_s * self.built.speed_unit)
         self.acceleration = round(self.built.acceleration_mm_s2 * self.built.acceleration_unit)
-        self.home_speed = round((self.built.home_mm_s or self.built.speed_mm_s / 2) * self.built.speed_unit)
+        home_mm_s = self.built.speed_mm_s / 2 if self.built.home_mm_s is None else self.built.home_mm_s
+        self.home_speed = round(home_mm_s * self.built.speed_unit)
         self.overshoot = round(self.built.overshoot_mm * self.built.counts_per_mm)
 
     def counts(self, now_s: float) -> int:
@@ -238,6 +239,7 @@ class KinesisTwin(SerialTwin):
             0x0429: lambda: self._answer(0x042A, dest, struct.pack("<HI", 1, axis.bits(self.clock.now_s()))),
             0x043A: lambda: setattr(axis, "overshoot", struct.unpack_from("<Hi", body)[1]),
             0x043B: lambda: self._answer(0x043C, dest, struct.pack("<Hi", 1, axis.overshoot)),
+            0x0440: lambda: setattr(axis, "home_speed", struct.unpack_from("<HHHii", body)[3]),
             0x0441: lambda: self._answer(0x0442, dest, struct.pack("<HHHii", 1, 2, 1, axis.home_speed, 0)),
             0x0443: lambda: self._home(dest, axis),
             0x0453: lambda: self._move(dest, axis, struct.unpack_from("<Hi", body)[1]),
@@ -272,7 +274,7 @@ class KinesisTwin(SerialTwin):
         self._answer(0x04F2, address, data + bytes(74 - len(data)))
 
     def _home(self, address: int, axis: _Axis) -> None:
-        if not axis.enabled:
+        if not axis.enabled or not axis.home_speed:
             return
         now_s = self.clock.now_s()
         axis.homed, axis.homing, axis.error = False, True, 0

@@ -107,6 +107,16 @@ def test_a_homing_that_is_slow_by_the_controllers_own_setting_is_waited_for():
         stage.home(timeout_s=120.0)
 
 
+def test_a_channel_without_a_speed_of_homing_gets_one():
+    clock, twin, stage = make({"x": replace(BUILT["MTS25-Z8"], home_mm_s=0.0)}, homed=False)
+    stage.connect()
+    twin._message(0x0443, 1, 0, 0x50, b"")
+    clock.sleep_s(60.0)
+    assert not stage.status().referenced, "at this speed it never moves"
+    assert stage.home() == {"x": 0.0}
+    assert stage.incidents == ["stage0: axis x had no speed of homing, and got 1.2 mm/s"]
+
+
 def test_end_of_move_messages_are_not_relied_on():
     _, twin, stage = make()
     twin.suspend_end_of_move_messages()
