@@ -4,6 +4,7 @@ Here: the arguments and what is shown. Not here: any measurement (`gs2ci_calibra
 (`gs2ci.api.rigs`).
 """
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -90,10 +91,11 @@ def run(
                 from gs2ci_calibration.procedures import PROCEDURES
 
                 done = [section.name for section in sections]
-                left = [name for name in PROCEDURES if name not in done]
+                none = ["stage"] if opened.devices.stage is None else []
+                left = [name for name in PROCEDURES if name not in done + none]
                 if done and left:
-                    said = f"{', '.join(done)}; go on with `gs2ci calibrate {left[0]}` ({', '.join(left)} are left)"
-                    say("in ", out, f": {said}")
+                    again = shlex.join(["gs2ci", "calibrate", left[0], "--rig", str(rig), "-o", str(out)])
+                    say("in ", out, f": {', '.join(done)}; go on with `{again}` ({', '.join(left)} are left)")
                 raise
         say("bundle in ", out)
         if step == "all":
