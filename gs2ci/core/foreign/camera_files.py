@@ -41,6 +41,7 @@ _CAMERA_TOLERANCE: Final = 1e-4
 _COEFFICIENT_TOLERANCE: Final = 1e-5
 # OpenCV's files, in which ROS keeps its calibrations as well.
 _CALIBRATIONS: Final = (".yml", ".yaml", ".xml")
+_SIZES: Final = ("resolution", "cameraresolution", "imagesize", "imgsize", "framesize")
 _OF_A_MODEL: Final = ("cameras.txt", "cameras.bin", "images.txt", "images.bin")
 HALF_A_PIXEL: Final = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
@@ -204,8 +205,10 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     ]
     lens = lenses[0] if lenses else np.zeros(len(COEFFICIENTS))
     sides = [numbers.get(f"image_{side}", numbers.get(side)) for side in ("height", "width")]
-    if "resolution" in numbers:
-        sides = list(numbers["resolution"][::-1, None])
+    # Width and height in one: Kalibr; OpenCV's interactive calibration; a cv::Size written under the name it often has.
+    for name, values in numbers.items():
+        if name.lower().replace("_", "") in _SIZES and len(values) == 2:
+            sides = list(values[::-1, None])
     have = None if sides[0] is None or sides[1] is None else (int(sides[0][0]), int(sides[1][0]))
     # In OpenCV pixel centres lie at whole numbers.
     centred = matrix.reshape(3, 3) + HALF_A_PIXEL

@@ -166,7 +166,8 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
         for number, (layout, is_boolean) in enumerate(zip(layouts, tiff.booleans(stored.data, layouts), strict=True)):
             tiff.check(file, read[number], layout)
             read[number] = tiff.as_stored(file, read[number], layout, is_boolean=is_boolean)
-            notes.add(tiff.note_of(layout, is_boolean=is_boolean))
+            read[number], note = tiff.lacking(stored.data, read[number], layout)
+            notes |= {tiff.note_of(layout, is_boolean=is_boolean), note}
         if tiff.SIGNED.search(stored.data) and read[0].dtype == np.uint16:
             read = [page.astype(np.int32) - 2**15 for page in read]
             notes.add("numbers with a sign, 32768 less than stored, as ImageJ's calibration says")

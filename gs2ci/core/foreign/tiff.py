@@ -27,9 +27,12 @@ KINDS: Final = {
 _COUNT: Final = re.compile(rb"ImageJ=[^\0]*?\simages=(\d+)|\{\"shape\": \[([\d, ]+)\]")
 # ImageJ keeps signed numbers of 16 bits as such without a sign, and a calibration that says so.
 SIGNED: Final = re.compile(rb"ImageJ=[^\0]*?\sc0=-32768[.\d]*\s+c1=1(?:\.0*)?\s")
-# Numbers of tags (TIFF 6.0; DNG 1.4 for the last): kind of page (odd: a reduced copy), bits per number, compression, 0
-# as white or black, orientation, colours side by side (1) or in planes (2), kind of number, version of DNG.
-PAGE, BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, KIND, DNG = TAGS = 254, 258, 259, 262, 274, 284, 339, 50706
+# Numbers of tags (TIFF 6.0; GDAL and DNG 1.4 for the last two): kind of page (odd: a reduced copy), bits per number,
+# compression, 0 as white or black, orientation, numbers of a pixel, these side by side (1) or in planes (2), kind of
+# number, the text of the number that stands where there is none, version of DNG.
+TAGS = 254, 258, 259, 262, 274, 277, 284, 339, 42113, 50706
+PAGE, BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, BANDS, PLANES, KIND, NO_DATA, DNG = TAGS
+_TEXT: Final = 2
 _SHORT: Final = 3
 _ALLOWED: Final = "a TIFF of 8 to 16 bits, whole numbers of 32 or floating point of 32 or 64, lossless"
 _PLAIN: Final = "save it again as 16-bit TIFF or PNG"
@@ -57,6 +60,8 @@ _PHOTOMETRICS: Final = {
     34892: "a camera's linear raw data",
 }
 _FLOATING: Final = 3
+# Colours and an opacity.
+_MOST_BANDS: Final = 4
 # Turned by their tag: 1 is upright.
 _UPRIGHT: Final = 1
 
@@ -93,14 +98,14 @@ def layouts(stored: memoryview) -> list[dict[int, int]]:
 
 
 def _first_value(stored: memoryview, start: int, link: str) -> int:
-    """Return the first number of an entry: in it, or, if there are too many, where it points to."""
+    """Return the first number of an entry: in it, or, if there are too many, where it points; of a text, its place."""
     order, room = link[0], struct.calcsize(link)
     (kind,) = struct.unpack_from(order + "H", stored, start + 2)
     (many,) = struct.unpack_from(link, stored, start + 4)
-    at, step = start + 4 + room, {1: "B", _SHORT: "H"}.get(kind, "I")
+    at, step = start + 4 + room, {1: "B", _TEXT: "B", _SHORT: "H"}.get(kind, "I")
     if many * struct.calcsize(step) > room:
         (at,) = struct.unpack_from(link, stored, at)
-    return int(struct.unpack_from(order + step, stored, at)[0])
+    return at if kind == _TEXT else int(struct.unpack_from(order + step, stored, at)[0])
 
 
 def described(stored: memoryview, page_size: int) -> int:
@@ -137,6 +142,12 @@ def refuse(file: Path, layout: Mapping[int, int]) -> None:
         words = f"of floating point of {layout[BITS]} bits"
     if words is not None:
         raise InputError(f"{file}: a TIFF, {words}", allowed=_ALLOWED, remedy=_PLAIN)
+    if layout.get(BANDS, 1) > _MOST_BANDS:
+        raise InputError(
+            f"{file}: a TIFF of {layout[BANDS]} numbers for each pixel, as GDAL's bands are",
+            allowed="one page for each mask, of one number for each pixel, or of three for its colours",
+            remedy='save the bands as pages (tifffile: photometric="minisblack"), or as .npy',
+        )
 
 
 def whole(file: Path, layouts: list[dict[int, int]]) -> list[int]:
@@ -202,6 +213,22 @@ def as_stored(file: Path, page: NDArray[Any], layout: Mapping[int, int], *, is_b
             f"{file}: a TIFF of {bits} bits that is decoded to other numbers", allowed=_ALLOWED, remedy=_PLAIN
         )
     return page >> shift
+
+
+def lacking(stored: memoryview, page: NDArray[Any], layout: Mapping[int, int]) -> tuple[NDArray[Any], str]:
+    """Put NaN where a page holds the number that GDAL's tag names for want of one, and say so; 0 is dark, and a number.
+
+    Raises:
+        ValueError: The tag holds no number.
+    """
+    if NO_DATA not in layout:
+        return page, ""
+    place = layout[NO_DATA]
+    absent = float(bytes(stored[place : place + 64]).split(b"\0")[0])
+    none = page == (page.dtype.type(absent) if page.dtype.kind == "f" else absent)
+    if absent == 0 or not none.any():
+        return page, ""
+    return np.where(none, np.nan, page), f"{absent:.6g} stands where there is no number, as its tag of GDAL's says"
 
 
 def note_of(layout: Mapping[int, int], *, is_boolean: bool) -> str:

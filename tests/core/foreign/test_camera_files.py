@@ -336,6 +336,12 @@ OTHERS = {
     "dist_coeff: {lens}\nimage_width: {w}\nimage_height: {h}\n",
     "EuRoC": "T_BS:\n  cols: 4\n  rows: 1\n  data: [1.0, 0.0, 0.0, 0.0]\nresolution: [{w}, {h}]\n"
     "intrinsics: [{0}, {1}, {2}, {3}]\ndistortion_model: radial-tangential\ndistortion_coefficients: {lens}\n",
+    # How cv::FileStorage (OpenCV 5.0) writes a cv::Size; the first name is of OpenCV's interactive calibration.
+    **{
+        name: "%YAML:1.0\n---\n" + name + ": [ {w}, {h} ]\ncameraMatrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n"
+        "   dt: d\n   data: [ {0}, 0., {2}, 0., {1}, {3}, 0., 0., 1. ]\ndist_coeffs: {lens}\n"
+        for name in ("cameraResolution", "imageSize", "image_size")
+    },
 }
 
 

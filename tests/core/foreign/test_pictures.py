@@ -217,6 +217,38 @@ def test_boolean_masks_of_tifffile_are_open_where_they_are_true(tmp_path, form, 
     assert ("true is 1" in container.note) == ("photometric" not in form)
 
 
+@pytest.mark.parametrize(("dtype", "absent"), [(np.float32, "-9999"), (np.uint16, "65535"), (np.float32, "-3.4e+38")])
+def test_a_number_that_gdal_writes_where_there_is_none_is_no_reading(laboratory, tmp_path, said, dtype, absent):
+    # As rasterio 1.4.4 writes them with nodata=; the readings around are as without the tag.
+    _, folder, made = laboratory
+    frame = np.rint(made.meas[..., 0] * 4095).astype(dtype)
+    frame[5, 7] = dtype(absent)
+    path = tmp_path / "gdal.tif"
+    tifffile.imwrite(path, frame, extratags=[(42113, "s", 0, absent, True)])
+    with pytest.raises(InputError, match=r"1 pixels are NaN.*row 5, column 7"):
+        import_shots(path, folder, ImportOptions(scale=4095.0))
+    imported = import_shots(path, folder, ImportOptions(scale=4095.0, bad_pixels="median"))
+    others = np.ones(frame.shape, bool)
+    others[5, 7] = False
+    assert np.abs(imported.shots[0].measurement - made.meas)[others].max() < 1 / 4095
+    assert said(imported, "stands where there is no number")
+
+
+def test_zeros_that_gdal_calls_no_data_are_closed_elements(tmp_path):
+    masks = np.eye(12, dtype=np.uint8) * 255
+    tifffile.imwrite(tmp_path / "masks.tif", masks, extratags=[(42113, "s", 0, "0", True)])
+    assert np.array_equal(open_foreign(tmp_path / "masks.tif").load("").values, masks)
+
+
+@pytest.mark.parametrize("planes", ["contig", "separate"])
+def test_bands_of_one_page_are_refused_with_the_way_out(tmp_path, planes):
+    shape = (12, 20, 5) if planes == "contig" else (5, 12, 20)
+    values = np.zeros(shape, np.uint16)
+    tifffile.imwrite(tmp_path / "bands.tif", values, photometric="minisblack", planarconfig=planes)
+    with pytest.raises(InputError, match=r"5 numbers for each pixel.*as pages"):
+        open_foreign(tmp_path / "bands.tif")
+
+
 def test_a_tiff_of_another_program_that_counts_from_white_is_said_to(tmp_path):
     mask = np.random.default_rng(0).random((6, 8)) < 0.5
     tifffile.imwrite(tmp_path / "mask.tif", np.stack([mask, ~mask]), metadata=None, description="a scan")
