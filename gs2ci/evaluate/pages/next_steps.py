@@ -14,6 +14,7 @@ from gs2ci.core.findings import FAILURE, REMARK, Code
 from gs2ci.evaluate.pages.pieces import Tone
 from gs2ci.evaluate.report import Report
 from gs2ci.evaluate.wording import describe_number
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 
 MOST_STEPS: Final = 4
 
@@ -114,10 +115,12 @@ def still_improving(report: Report) -> NextStep | None:
         return None
     # Several exposures together are given more iterations than were asked for (`exposures.joint`).
     more = 2 * round(report.curve[-1].iteration / max(1, len(report.exposures)) ** 0.5)
+    # A draft, or a short fit: the default gives it more.
+    longer = f" --iterations {more}" if more > CoarseSettings().iterations else ""
     return NextStep(
         report.stopped.code.remedy,
         "The residual on held-out pixels was still decreasing at the end.",
-        f"gs2ci reconstruct SHOT.h5 -o NEW_RUN --iterations {more}",
+        f"gs2ci reconstruct SHOT.h5 -o NEW_RUN{longer}",
     )
 
 

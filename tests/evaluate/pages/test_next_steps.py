@@ -88,6 +88,12 @@ def test_a_fit_that_stopped_by_itself_is_not_told_to_run_longer():
     assert module.still_improving(a_report(curve=[])) is None
 
 
+def test_a_draft_is_followed_by_the_default_and_not_by_fewer_iterations_of_it():
+    curve = [{**LOOK, "iteration": 60, "heldout": 0.03}, {**LOOK, "iteration": 120, "heldout": 0.02}]
+    draft = a_report(curve=curve, stopped=finding(Code.FIT_ALL_DONE, iterations=120, best=120))
+    assert module.still_improving(draft).command == "gs2ci reconstruct SHOT.h5 -o NEW_RUN"
+
+
 def test_steps_of_a_joint_run_reconstruct_all_exposures_together():
     moved = None
     one = {"name": "a", "first_view": 0, "views": 4, "verdict": "scene", "heldout_rms": {}, "path": "stage"}

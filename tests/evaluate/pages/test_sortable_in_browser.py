@@ -4,7 +4,7 @@ import pytest
 
 from gs2ci.evaluate.pages.frame import PageSection, page
 from gs2ci.evaluate.pages.pictures import Picture
-from gs2ci.evaluate.pages.pieces import MOST_SORTABLE, SortableCell, sortable_table
+from gs2ci.evaluate.pages.pieces import MOST_SORTABLE, SortableCell, facts, sortable_table
 
 ROWS = [("b-10", 9.5), ("a-2", None), ("b-9", 31.25), ("a-1", 100.0)]
 NAMES = "[...document.querySelectorAll('tbody tr')].map(row => row.cells[1].textContent)"
@@ -58,3 +58,18 @@ def test_a_page_says_what_it_leaves_out():
 def test_a_strangers_name_stays_text():
     text = sortable_table(["run"], [[SortableCell("<script>alert(1)</script>")]])
     assert "<script>" not in text
+
+
+def test_all_figures_of_many_runs_fit_a_screen_and_a_short_value_stays_whole(tab, tmp_path):
+    headings = ["", "run", "state", "PSNR, dB", "SSIM", "nATE", "held-out rms", "residual rms", "doubts", "views"]
+    figures = [SortableCell(f"{value:.4f}", number=value) for value in (26.3, 0.87, 0.01, 0.05, 0.02, 4, 8, 1245, 72.5)]
+    words = [SortableCell("", picture=Picture(b"\x89PNG\r\n\x1a\n", "image/png", 64, 48)), *map(SortableCell, "ab")]
+    runs = sortable_table([*headings, "Gaussians", "seconds"], [[*words, *figures]])
+    told = facts({"standard error of the cameras' rotations against each other, the largest of all of them": "0.11°"})
+    path = tmp_path / "page.html"
+    path.write_text(page("Runs", [PageSection("All", runs), PageSection("Facts", told)]))
+    tab.open(path, 1200)
+    assert tab.run("document.querySelector('.scroll').scrollWidth <= document.querySelector('.scroll').clientWidth")
+    tab.open(path, 360)
+    lines = "(range => (range.selectNodeContents(document.querySelector('.facts dd')), range.getClientRects().length))"
+    assert tab.run(f"{lines}(document.createRange())") == 1
