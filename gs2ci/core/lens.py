@@ -6,8 +6,8 @@ With x = X/Z and y = Y/Z the slopes of a ray, r² = x² + y² and coefficients k
     y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
 in the same unit, of which the camera matrix makes pixels (Brown, Photogrammetric Engineering 32 (1966) 444; OpenCV,
-"Camera Calibration and 3D Reconstruction"). Here: this map, its inverse, rays of pixels, the check. Not here: pictures
-(`gs2ci.reconstruct.measurement.lens`), measuring the coefficients (`gs2ci_calibration`).
+"Camera Calibration and 3D Reconstruction"). Here: this map, its inverse, rays, what a view shows, the check. Not here:
+pictures (`gs2ci.reconstruct.measurement.lens`), measuring the coefficients (`gs2ci_calibration`).
 """
 
 from typing import Any, Final
@@ -15,7 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.cameras import in_camera
 from gs2ci.core.errors import InputError
 
 COEFFICIENTS: Final = ("k1", "k2", "p1", "p2", "k3")
@@ -116,6 +117,27 @@ def rays_of(pixels: F64, intrinsics: F64, distortion: F64 | None = None) -> F64:
 def places_of(slopes: F64, intrinsics: F64, distortion: F64 | None = None) -> F64:
     """Return where a sensor sees rays of slopes, [..., 2] as (x, y): pixels, [..., 2]; no distortion: a pinhole."""
     return pixels_of(slopes if distortion is None else distorted(slopes, distortion), intrinsics)
+
+
+def seen_by(
+    points: F64, world_to_camera: F64, intrinsics: F64, size: tuple[int, ...], distortion: F64 | None = None
+) -> tuple[Bool, F64, F64]:
+    """Project points, [P, 3], into a view of a pose, [4, 4], and a size (height, width); no distortion: a pinhole.
+
+    Returns:
+        Which of them fall into it, [P]; how far ahead each lies, [P]; and their places, [P, 2] as (x, y) px, which
+        mean something only where the first is true.
+    """
+    local = in_camera(points, world_to_camera)
+    ahead = local[:, 2]
+    before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
+    slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
+    if distortion is not None:
+        # Far outside the frame the lens's polynomial folds back into it.
+        before &= stretch(slopes, distortion) > 0
+    pixels = places_of(slopes, intrinsics, distortion)
+    inside = before & (pixels >= 0).all(axis=1) & (pixels < (size[1], size[0])).all(axis=1)
+    return inside, ahead, pixels
 
 
 def _jacobian(slopes: F64, coefficients: F64) -> tuple[F64, F64, F64]:

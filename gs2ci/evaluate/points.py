@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.cameras import SAME_SURFACE, in_camera
-from gs2ci.core.lens import pixel_centres, places_of, rays_of, stretch
+from gs2ci.core.cameras import SAME_SURFACE
+from gs2ci.core.lens import pixel_centres, rays_of, seen_by
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.ply import named_columns, ply_bytes
 
@@ -46,23 +46,8 @@ class Cameras:
         return (vectors if directions else vectors - translation) @ rotation
 
     def seen(self, points: F64, view: int, size: tuple[int, int]) -> tuple[Bool, F64, F64]:
-        """Project points, [P, 3], into a view of a size (height, width).
-
-        Returns:
-            Which of them fall into it, [P]; how far ahead each lies, [P]; and their places, [P, 2] as (x, y) px, which
-            mean something only where the first is true.
-        """
-        pose = self.world_to_camera[view]
-        local = in_camera(points, pose)
-        ahead = local[:, 2]
-        before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
-        slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
-        if self.distortion is not None:
-            # Far outside the frame the lens's polynomial folds back into it.
-            before &= stretch(slopes, self.distortion) > 0
-        pixels = places_of(slopes, self.intrinsics, self.distortion)
-        inside = before & (pixels >= 0).all(axis=1) & (pixels < (size[1], size[0])).all(axis=1)
-        return inside, ahead, pixels
+        """Project points, [P, 3], into a view of a size (height, width); see `gs2ci.core.lens.seen_by`."""
+        return seen_by(points, self.world_to_camera[view], self.intrinsics, size, self.distortion)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F32, F64, U8
 from gs2ci.core.door import LOCAL, MOST_CONNECTIONS, listening
 from gs2ci.core.errors import InputError
+from gs2ci.evaluate.exports.for_viewers import typical_depth
 from gs2ci.evaluate.gate import Gate
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_run
@@ -92,7 +93,7 @@ def load_scene(folder: Path) -> ViewerScene:
     poses = np.asarray(np.linalg.inv(evidence.world_to_camera), np.float64)
     middle = torch.from_numpy(evidence.world_to_camera[len(poses) // 2]).float()
     focal_x_px, focal_y_px = evidence.intrinsics.diagonal()[:2].tolist()
-    scale = SHOWN_DEPTH / _typical_depth(gaussians.means.numpy(), evidence.world_to_camera)
+    scale = SHOWN_DEPTH / typical_depth(gaussians.means.double(), torch.from_numpy(evidence.world_to_camera))
     sizes = (scale * gaussians.log_scales.exp()).clamp(max=_LARGEST_SIZE)
     axes = rotation_matrices(gaussians.quaternions) * sizes[:, None, :]
     # What the fit added to variances in pixels of its views: the viewer adds as much in its own, which are smaller.
@@ -267,11 +268,3 @@ def _step_into(client: Any, pose: F64) -> None:
     client.camera.position = pose[:3, 3]
     client.camera.look_at = pose[:3, 3] + SHOWN_DEPTH * pose[:3, 2]
     client.camera.up_direction = -pose[:3, 1]
-
-
-def _typical_depth(means: F32, world_to_camera: F64) -> float:
-    """Measure the median distance of the Gaussians in front of the middle camera; 1 where none is."""
-    pose = world_to_camera[len(world_to_camera) // 2]
-    depth = means @ pose[2, :3] + pose[2, 3]
-    ahead = depth[depth > 0]
-    return float(np.median(ahead)) if len(ahead) else 1.0

@@ -6,7 +6,7 @@ while others lower it so that its light stays the same (Yu et al., "Mip-Splattin
 file cannot say which. So sizes get a part of the widening in space, which leaves less to the viewer, and then colours,
 opacities and sizes are fitted under both conventions together to what the scene shows in the run's own views.
 
-Here: `for_viewers`; `brought_nearer`, for formats whose places have few bits. Not here: files.
+Here: `for_viewers`; `brought_nearer`, for formats whose places have few bits; `typical_depth`. Not here: files.
 """
 
 import math
@@ -88,7 +88,7 @@ def for_viewers(
         steps: Of the fit, each with one view under both conventions.
     """
     whole = scene.detach().at(0.0).map(torch.Tensor.double)
-    scale = _SHOWN_DEPTH / _typical_depth(whole.means, world_to_camera.double())
+    scale = _SHOWN_DEPTH / typical_depth(whole.means, world_to_camera.double())
     still = _scaled(whole, scale).map(torch.Tensor.float)
     poses = world_to_camera.double().clone()
     poses[:, :3, 3] *= scale
@@ -123,7 +123,7 @@ def brought_nearer(scene: Gaussians, world_to_camera: Tensor, distances: float) 
     whole = scene.detach().map(torch.Tensor.double)
     poses = world_to_camera.double()
     middle = torch.linalg.inv(poses)[:, :3, 3].mean(dim=0)
-    most = distances * _typical_depth(whole.means, poses)
+    most = distances * typical_depth(whole.means, poses)
     away = (whole.means - middle).norm(dim=1)
     share = (most / away.clamp(min=most))[:, None]
     nearer = replace(whole, means=middle + share * (whole.means - middle), log_scales=whole.log_scales + share.log())
@@ -184,7 +184,7 @@ class _Room:
         return (before / after).clamp(min=_OPACITY_MARGIN**2).sqrt()
 
 
-def _typical_depth(means: Tensor, world_to_camera: Tensor) -> float:
+def typical_depth(means: Tensor, world_to_camera: Tensor) -> float:
     """Return the median depth of what lies before the middle camera; 1 where nothing does."""
     pose = world_to_camera[len(world_to_camera) // 2]
     depth = means @ pose[2, :3] + pose[2, 3]

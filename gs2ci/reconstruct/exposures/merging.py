@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, I64, Bool
-from gs2ci.core.cameras import SAME_SURFACE, in_camera, in_world
+from gs2ci.core.cameras import SAME_SURFACE, in_world
 from gs2ci.core.findings import Code, Finding, Findings, finding
-from gs2ci.core.lens import places_of, rays_of
+from gs2ci.core.lens import rays_of, seen_by
 from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
@@ -47,14 +47,10 @@ class ViewsTogether:
 
     def sees(self, view: int, points: F64) -> Bool:
         """Tell which points, [P, 3], a view shows: those in its picture that lie on its own surface, [P]."""
-        height, width = self.depth.shape[1:]
-        there = in_camera(points, self.world_to_camera[view])
-        ahead = there[:, 2] > 0
-        slopes = there[:, :2] / np.where(ahead, there[:, 2], 1.0)[:, None]
-        pixels = places_of(slopes, self.intrinsics, self.distortion)
-        inside = ahead & (pixels >= 0).all(axis=1) & (pixels < (width, height)).all(axis=1)
+        pose, depth = self.world_to_camera[view], self.depth[view]
+        inside, ahead, pixels = seen_by(points, pose, self.intrinsics, depth.shape, self.distortion)
         column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
-        return inside & (np.abs(self.depth[view, row, column] - there[:, 2]) <= SAME_SURFACE * there[:, 2])
+        return inside & (np.abs(depth[row, column] - ahead) <= SAME_SURFACE * ahead)
 
     def points(self, view: int) -> F64:
         """Return points that a view shows, [P, 3], on a lattice."""

@@ -24,7 +24,9 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import in_world
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import pixel_centres, rays_of, seen_by
 from gs2ci.rig.config import CaptureTable
 from gs2ci.rig.design.decode import KEPT, error_of_decode
 from gs2ci.rig.design.exposing import SmallBench, middles
@@ -36,7 +38,6 @@ _PLACES: Final = (4, 5)
 _WANTED: Final = 5
 # A wanted pixel is seen in a recorded view if that view's depth there is less than this share nearer.
 _HIDDEN: Final = 0.05
-_AHEAD: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,19 +162,15 @@ def _unseen_share(bench: SmallBench, wanted: WantedViews, of: Readings) -> float
 
 def _shown(bench: SmallBench, of: Readings, pose: F64, depth: F32) -> Bool:
     """Return which pixels of a wanted view the first or the last recorded view shows, [H, W]."""
-    matrix, (height, width) = bench.scene.intrinsics, depth.shape
-    rows, columns = np.mgrid[0:height, 0:width] + 0.5
-    rays = np.stack([columns, rows, np.ones_like(rows)]).reshape(3, -1)
-    in_camera = np.linalg.solve(matrix, rays) * depth.ravel()
-    points = np.linalg.solve(pose, np.concatenate([in_camera, np.ones((1, in_camera.shape[1]))]))
+    matrix = bench.scene.intrinsics
+    rays = rays_of(pixel_centres(depth.shape), matrix)
+    points = in_world((rays * depth[..., None]).reshape(-1, 3), pose)
     found = np.zeros(depth.size, bool)
     for recorded, surface in zip(of.poses[[0, -1]], of.depth, strict=True):
-        there = (recorded @ points)[:3]
-        places = matrix @ there / np.maximum(there[2], _AHEAD)
-        x, y = np.floor(np.clip(places[:2], -1, max(height, width))).astype(np.int64)
-        inside = (there[2] > 0) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        here = surface[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-        found |= inside & ((here <= 0) | (there[2] <= here * (1 + _HIDDEN)))
+        inside, ahead, places = seen_by(points, recorded, matrix, depth.shape)
+        column, row = np.where(inside[:, None], places, 0).astype(np.int64).T
+        here = surface[row, column]
+        found |= inside & ((here <= 0) | (ahead <= here * (1 + _HIDDEN)))
     return found.reshape(depth.shape)
 
 

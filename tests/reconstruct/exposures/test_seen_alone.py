@@ -55,3 +55,13 @@ def test_a_lens_bends_where_points_are_seen():
     edge = np.array([[1.08, 0.0, 2.0]])
     assert [views.sees(0, edge)[0] for views in (straight, bent)] == [False, True]
     assert 0 < seen_alone(bent)[0] < 1
+
+
+def test_what_a_lens_would_fold_back_into_the_picture_is_not_seen():
+    lens = np.array([-0.15, 0.0, 0.0, 0.0, 0.0])
+    # At a slope of 2.4 this polynomial gives 0.33, well inside the picture, whose border lies at 0.55.
+    far = np.array([2.4, 0.0])
+    assert distorted(far, lens)[0] == pytest.approx(0.326, abs=1e-3)
+    views = before_a_wall([0.0, 4.8], travel=0.0, distortion=lens)
+    assert not views.sees(0, np.array([[4.8, 0.0, 2.0]]))[0]
+    assert seen_alone(views) == (1.0, 1.0)

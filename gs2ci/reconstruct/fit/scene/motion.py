@@ -19,8 +19,8 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.bounds import Bounded
-from gs2ci.core.cameras import in_camera
 from gs2ci.core.config import NotNegative
+from gs2ci.core.lens import seen_by
 from gs2ci.reconstruct.fit.scene.mask_moments import mask_times
 from gs2ci.reconstruct.geometry.flow import velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -74,12 +74,8 @@ def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: Objec
     seen = velocity(views, geometry, times)
     seen[np.linalg.norm(seen, axis=2) < _LEAST_FLOW_PX] = 0
     pose = geometry.world_to_camera[geometry.reference]
-    there = in_camera(start.means.double().numpy(), pose)
-    depth = there[:, 2]
-    at = (there / np.where(depth > 0, depth, 1)[:, None]) @ geometry.intrinsics.T
-    height, width = seen.shape[:2]
-    column, row = (np.clip(np.nan_to_num(at[:, k]), 0, n - 1).astype(int) for k, n in ((0, width), (1, height)))
-    inside = (depth > 0) & (at[:, 0] >= 0) & (at[:, 0] < width) & (at[:, 1] >= 0) & (at[:, 1] < height)
+    inside, depth, at = seen_by(start.means.double().numpy(), pose, geometry.intrinsics, seen.shape[:2])
+    column, row = np.where(inside[:, None], at, 0).astype(int).T
     rates = np.where(inside[:, None], seen[row, column], 0) / geometry.intrinsics.diagonal()[:2] * depth[:, None]
     motion = torch.zeros(len(start), settings.rows, 3)
     motion[:, 0] = torch.from_numpy(np.concatenate([rates, np.zeros((len(rates), 1))], axis=1) @ pose[:3, :3])
