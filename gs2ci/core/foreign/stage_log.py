@@ -26,6 +26,9 @@ Way = Literal["right", "left", "down", "up", "ahead", "back"]
 USUAL_WAYS: Final[tuple[Way, Way, Way]] = ("right", "down", "ahead")
 """OpenCV's axes of a camera."""
 _MM: Final = {"m": 1e3, "cm": 10.0, "in": 25.4, "inch": 25.4, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
+_LONG: Final = {"": 1e3, "centi": 10.0, "milli": 1.0, "micro": 1e-3, "nano": 1e-6}
+_MM.update({before + word: mm for before, mm in _LONG.items() for word in ("meter", "meters", "metre", "metres")})
+_MM.update({"micron": 1e-3, "microns": 1e-3, "inches": 25.4})
 _AXES: Final = "xyz"
 _POSES: Final[tuple[roles.Role, ...]] = ("telemetry", "world_to_camera", "camera_to_world")
 # What may stand beside the axis and the unit in the name of a column: stage_x_mm, PosX (mm), X Position [mm].
@@ -150,6 +153,12 @@ def _trajectory(path: Path, read: Table, guesses: list[str]) -> Array | None:
         if any(parts.count(part) != 1 for part in _POSE):
             return None
         columns = np.insert(columns[:, [parts.index(part) for part in _POSE]], 0, 0.0, axis=1)
+        if any(name.lower().endswith("child_frame_id") for name in read.names):
+            guesses.append(
+                f"WARNING: {path}: poses of ROS's odometry, which are those of the body that its child frame names (x "
+                "ahead, y left, z up), unless that name ends with _optical_frame; taken as if it did: turn them, and "
+                "move them by the camera's place on that body"
+            )
     if columns.shape[1] not in TRAJECTORIES:
         return None
     return Array(str(path), trajectory(str(path), columns, guesses))

@@ -35,6 +35,8 @@ def centres(given):
         ("x,y,z\n" + rows(PLACES), "x = x, of no named unit"),
         ("X [mm];Y [mm];Z [mm]\n" + rows(PLACES, ";").replace(".", ","), "X [mm] = x, in mm"),
         ("x_um\ty_um\tz_um\n" + rows(1000 * PLACES, "\t"), "x_um = x, in um"),
+        ("x_microns,y [micrometers],Z Position (µm)\n" + rows(1000 * PLACES), "y [micrometers] = y, in micrometers"),
+        ("x_millimeters,y_metres,z_inches\n" + rows(PLACES / (1, 1000, 25.4)), "y_metres = y, in metres"),
         ("x (m), y (m), z (m)\n" + rows(PLACES / 1000), "y (m) = y, in m"),
         ("# x y z\n" + rows(PLACES, " ", "{:.6e}"), "x = x"),
         (rows(PLACES, "   "), "columns without names, taken for x, y, z"),
@@ -167,6 +169,21 @@ def test_trajectories_of_other_programs_are_read_by_the_names_of_their_columns(t
     given = stage_poses(log(tmp_path, text), USUAL_WAYS, []).values
     assert np.allclose(np.linalg.inv(given)[:, :3, 3], CENTRES)
     assert np.allclose(np.linalg.inv(given)[:, :3, :3], TURNS.as_matrix())
+
+
+@pytest.mark.parametrize("is_body", [True, False])
+def test_poses_of_a_body_that_a_file_of_ros_names_are_doubted(tmp_path, is_body):
+    # nav_msgs/Odometry as `rostopic echo -p` writes it: by REP 103 the child frame has x ahead, y left, z up.
+    numbers = np.c_[CENTRES, TURNS.as_quat()]
+    names = [f"field.pose.pose.{part}" for part in ("position.x", "position.y", "position.z")]
+    names += [f"field.pose.pose.orientation.{axis}" for axis in "xyzw"]
+    before = "%time,field.header.frame_id," + "field.child_frame_id," * is_body
+    lines = [before + ",".join(names)]
+    lines += [f"{k},odom," + "base_link," * is_body + ",".join(map(str, row)) for k, row in enumerate(numbers)]
+    guesses: list[str] = []
+    given = stage_poses(log(tmp_path, "\n".join(lines)), USUAL_WAYS, guesses).values
+    assert np.allclose(np.linalg.inv(given)[:, :3, 3], CENTRES)
+    assert any("x ahead, y left, z up" in guess and guess.startswith("WARNING") for guess in guesses) == is_body
 
 
 def test_an_array_of_poses_is_of_the_direction_that_its_name_says(tmp_path):
