@@ -37,6 +37,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.cameras import in_world
+from gs2ci.core.lens import seen_by
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
@@ -55,7 +56,7 @@ from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.stage import CoarseRun
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.depth.view_depths import grid, in_picture, project
+from gs2ci.reconstruct.geometry.depth.view_depths import grid
 from gs2ci.reconstruct.geometry.path.motion import rays
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.observe import Tools
@@ -270,8 +271,8 @@ def _sees(other: Shot, shot: Shot) -> Bool:
         in_world(along * depth.reshape(-1, 1), pose)
         for depth, pose in zip(truth.depth, truth.world_to_camera, strict=True)
     ]
-    pixels, _ = project(np.concatenate(points), seen_from[len(seen_from) // 2], shot.intrinsics)
-    return in_picture(pixels, shot.size).reshape(truth.depth.shape)
+    inside, _, _ = seen_by(np.concatenate(points), seen_from[len(seen_from) // 2], shot.intrinsics, shot.size)
+    return inside.reshape(truth.depth.shape)
 
 
 def _at_edges(depth: F32) -> Bool:

@@ -27,13 +27,14 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres, pinhole
+from gs2ci.core.lens import seen_by
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.exposures.tie import Tied, Ties, Untied, tie
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
+from gs2ci.reconstruct.geometry.depth.view_depths import project
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
@@ -159,7 +160,7 @@ def misplaced_px(shots: list[Shot], tied: dict[int, Tied], scene: Scene) -> list
         )
         between = found[near] @ np.linalg.inv(found[k])
         between[:3, 3] *= scale
-        own, there = (in_picture(project(points, middles[n], matrix)[0], SIZE) for n in (k, near))
+        own, there = (seen_by(points, middles[n], matrix, SIZE)[0] for n in (k, near))
         seen = points[own & there]
         pixels, _ = project(seen, middles[near], matrix)
         moved, _ = project(seen, between @ middles[k], matrix)

@@ -14,6 +14,7 @@ import torch
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.halt import Halt
+from gs2ci.core.lens import seen_by
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.exposures.similarity import Similarity
@@ -22,7 +23,6 @@ from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.combining.ensemble import member_seed
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
 from gs2ci.reconstruct.hypotheses.fitting import Fits
@@ -106,8 +106,7 @@ def _shown(points: F64, geometries: Sequence[Geometry]) -> Bool:
     """Tell which points, [P, 3], the reference views of geometries show in their pictures."""
     found = np.zeros(len(points), bool)
     for one in geometries:
-        pixels, _ = project(points, one.world_to_camera[one.reference], one.intrinsics)
-        found |= in_picture(pixels, one.inverse_depth.shape)
+        found |= seen_by(points, one.world_to_camera[one.reference], one.intrinsics, one.inverse_depth.shape)[0]
     return found
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
-from gs2ci.reconstruct.geometry.depth.view_depths import grid, in_picture, known, project
+from gs2ci.core.lens import seen_by
+from gs2ci.reconstruct.geometry.depth.view_depths import grid, known, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.motion import rays
 
@@ -84,8 +85,7 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
 
 
 def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
-    pixels, _ = project(points, geometry.world_to_camera[view], geometry.intrinsics)
-    return in_picture(pixels, geometry.inverse_depth.shape)
+    return seen_by(points, geometry.world_to_camera[view], geometry.intrinsics, geometry.inverse_depth.shape)[0]
 
 
 def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) -> F64:

@@ -20,6 +20,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_camera, in_world
+from gs2ci.core.lens import seen_by
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, SweptViews, inverse_depth_range
 from gs2ci.reconstruct.geometry.path.motion import rays
 
@@ -165,12 +166,6 @@ def project(points: F64, pose: F64, intrinsics: F64) -> tuple[F64, F64]:
     return seen[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
 
 
-def in_picture(pixels: F64, size: tuple[int, ...]) -> Bool:
-    """Tell which pixels, [..., 2], lie in a picture of a height and width; a point behind the camera has NaN: not."""
-    inside = (pixels >= 0) & (pixels < (size[1], size[0]))
-    return inside[..., 0] & inside[..., 1]
-
-
 def _points(depth: ViewDepth, pose: F64, intrinsics: F64) -> F64:
     """Lift some pixels of a view to the world, [P, 3]."""
     pixels = grid(depth.inverse_depth.shape, _EVERY)
@@ -180,8 +175,7 @@ def _points(depth: ViewDepth, pose: F64, intrinsics: F64) -> F64:
 
 def _compared(points: F64, depth: ViewDepth, world_to_camera: F64, intrinsics: F64) -> tuple[Bool, F64, F32]:
     """Return which points, [P, 3], a view's picture shows, their depths in it, and the inverse depths it has there."""
-    pixels, along = project(points, world_to_camera[depth.view], intrinsics)
-    inside = in_picture(pixels, depth.inverse_depth.shape)
+    inside, along, pixels = seen_by(points, world_to_camera[depth.view], intrinsics, depth.inverse_depth.shape)
     columns, rows = pixels[inside].astype(int).T
     return inside, along[inside], depth.inverse_depth[rows, columns]
 
