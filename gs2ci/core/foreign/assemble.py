@@ -16,7 +16,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
-from gs2ci.core.foreign.camera_files import HALF_A_PIXEL, CameraFile, is_camera_file, read_calibration
+from gs2ci.core.foreign.camera_files import HALF_A_PIXEL, CameraFile, is_camera_file, matlab_camera, read_calibration
 from gs2ci.core.foreign.colours import COLOURS, one_reading
 from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.fields import Fields
@@ -260,9 +260,16 @@ class _Import:
     def camera_file(self) -> CameraFile | None:
         """Get the camera of a file of another program, if the user names one."""
         given = self.options.intrinsics
-        if not isinstance(given, Path) or not is_camera_file(given):
+        if not isinstance(given, Path):
             return None
-        return read_calibration(given, self.readings.shape[1:3])
+        if is_camera_file(given):
+            return read_calibration(given, self.readings.shape[1:3])
+        found = matlab_camera(open_foreign(given), self.readings.shape[1:3])
+        if found is not None:
+            self.guesses.append(
+                f"{given}: a camera of MATLAB's, which counts pixels from 1: half of one was subtracted"
+            )
+        return found
 
     @cached_property
     def calibration(self) -> Container | None:
@@ -296,6 +303,9 @@ class _Import:
             given = Array(str(self.options.intrinsics), self.camera_file.distortion)
         if given is None and self.calibration is not None:
             given = self._load("distortion", self.calibration)
+            # OpenCV's documents and ROS call the lens D beside K; in a measurement's file d may be anything.
+            if given is None and (key := roles.names_of(self.calibration).get("d")) is not None:
+                given = self.calibration.load(key)
             if given is None and (unused := self.calibration.unused()):
                 self.guesses.append(f"{self.calibration.path}: no lens under a known name; not used: {unused}")
         given = given or self._load("distortion")

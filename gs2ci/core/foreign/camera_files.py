@@ -18,6 +18,8 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL, rigid
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.foreign.camera import FEWEST_COEFFICIENTS
+from gs2ci.core.foreign.container import Container, damage_as_input_error
+from gs2ci.core.foreign.roles import names_of
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.natural_order import natural_order
@@ -213,6 +215,47 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> CameraFile:
     # In OpenCV pixel centres lie at whole numbers.
     centred = matrix.reshape(3, 3) + HALF_A_PIXEL
     return CameraFile(np.empty((0, 4, 4)), _scaled(centred, have, size, path), lens, np.empty((0, 3)), ())
+
+
+def matlab_camera(container: Container, size: tuple[int, int]) -> CameraFile | None:
+    """Read a camera of MATLAB's toolboxes, saved as toStruct(cameraParameters) or toStruct(cameraIntrinsics) give it.
+
+    MATLAB counts pixels from 1, at their centres; before R2022b it has the matrix transposed; its size is [H, W].
+
+    Args:
+        container: The file.
+        size: Height and width of the measurement, px; a camera of pictures of another size is scaled.
+
+    Returns:
+        The camera, without poses; None if the file holds none of that kind.
+
+    Raises:
+        InputError: It is of pictures of another shape, or its numbers are not as many as MATLAB writes.
+    """
+    by_name = names_of(container)
+
+    def numbers(name: str, count: int) -> F64:
+        loaded = container.load(by_name[name]).values if name in by_name else np.zeros(count)
+        return np.asarray(loaded, np.float64).reshape(-1)
+
+    if "radialdistortion" not in by_name:
+        return None
+    with damage_as_input_error(str(container.path)):
+        if (key := next((name for name in ("k", "intrinsicmatrix") if name in by_name), None)) is not None:
+            matrix = numbers(key, 9).reshape(3, 3)
+            matrix = matrix if np.array_equal(matrix[2], (0, 0, 1)) else matrix.T
+        elif {"focallength", "principalpoint"} <= by_name.keys():
+            (fx, fy), (cx, cy) = numbers("focallength", 2), numbers("principalpoint", 2)
+            matrix = np.array([[fx, numbers("skew", 1)[0], cx], [0, fy, cy], [0, 0, 1]])
+        else:
+            return None
+        radial, (p1, p2) = numbers("radialdistortion", 2), numbers("tangentialdistortion", 2)
+        k1, k2, k3 = np.pad(radial, (0, 3 - len(radial)))
+        rows, columns = map(int, numbers("imagesize", 2))
+    lens = np.array([k1, k2, p1, p2, k3])
+    have = (rows, columns) if rows and columns else None
+    scaled = _scaled(matrix - HALF_A_PIXEL, have, size, container.path)
+    return CameraFile(np.empty((0, 4, 4)), scaled, lens, np.empty((0, 3)), ())
 
 
 def _is_rotation(values: F64) -> bool:

@@ -31,7 +31,10 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "truth": ("truth", "orig", "ground_truth", "groundtruth", "gt", "views", "orig_bayer"),
     "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix", "mtx", "cameramatrix", "kk"),
     "focal": ("focal_px", "focal"),
-    "distortion": ("distortion", "dist", "dist_coeffs", "distcoeffs", "distortion_coefficients", "kc"),
+    "distortion": (
+        *("distortion", "dist", "dist_coeffs", "distcoeffs", "dist_coeff", "distcoeff"),
+        *("distortion_coeffs", "distortion_coefficients", "kc"),
+    ),
     "world_to_camera": ("world_to_camera", "w2c", "extrinsics"),
     "camera_to_world": ("camera_to_world", "c2w"),
     "telemetry": ("telemetry_world_to_camera",),

@@ -3,6 +3,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 # What reconstructs is not there in the tests of the newest Python (`tests.newest`).
@@ -484,3 +485,39 @@ def test_a_lens_under_a_name_that_is_not_known_is_told(tmp_path):
     (shot,) = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.npz").shots
     assert shot.distortion.tolist() == [0.1, 0, 0, 0.01, 0]
     np.testing.assert_allclose(shot.intrinsics - CAMERA, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("form", ["IntrinsicMatrix", "K", "FocalLength"])
+def test_cameras_of_matlab_lie_half_a_pixel_beside_and_keep_their_lens(tmp_path, form):
+    """toStruct of cameraParameters before and since R2022b, and of cameraIntrinsics: refused, or without the lens.
+
+    MATLAB's first pixel centre is (1, 1) (cameraIntrinsicsToOpenCV subtracts 1), that of gs2ci (0.5, 0.5).
+    """
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "shot.npz", meas=rng.random((*SIZE, 3)), masks=rng.random((12, *SIZE)) < 0.5)
+    twice = np.diag([2, 2, 1]) @ CAMERA + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+    stored = {
+        "IntrinsicMatrix": {"IntrinsicMatrix": twice.T},
+        "K": {"K": twice},
+        "FocalLength": {"FocalLength": np.diag(twice)[:2], "PrincipalPoint": twice[:2, 2], "Skew": 0.0},
+    }[form]
+    stored |= {"ImageSize": [2.0 * side for side in SIZE], "RadialDistortion": [0.1, 0.02, 0.003]}
+    savemat(tmp_path / "camera.mat", {"params": {**stored, "TangentialDistortion": [0.001, -0.002]}})
+    imported = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.mat")
+    (shot,) = imported.shots
+    np.testing.assert_allclose(shot.intrinsics, CAMERA)
+    assert shot.distortion.tolist() == [0.1, 0.02, 0.001, -0.002, 0.003]
+    assert any("counts pixels from 1" in guess for guess in imported.guesses)
+    savemat(tmp_path / "camera.mat", {"params": {**stored, "TangentialDistortion": [0.001]}})
+    with pytest.raises(InputError, match=r"camera\.mat"):
+        import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.mat")
+
+
+@pytest.mark.parametrize("name", ["D", "dist_coeff", "distortion_coeffs"])
+def test_a_lens_beside_the_matrix_of_an_array_file_is_read(tmp_path, name):
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "shot.npz", meas=rng.random((*SIZE, 3)), masks=rng.random((12, *SIZE)) < 0.5, d=3.0)
+    np.savez(tmp_path / "camera.npz", K=CAMERA, **{name: [[0.1, 0.01, 0.001, 0.002, 0.003]]})
+    (shot,) = import_file(tmp_path / "shot.npz", intrinsics=tmp_path / "camera.npz").shots
+    assert shot.distortion.tolist() == [0.1, 0.01, 0.001, 0.002, 0.003]
+    np.testing.assert_allclose(shot.intrinsics, CAMERA)
