@@ -71,14 +71,14 @@ import gs2ci_drivers
 import gs2ci.rig.calibrated, gs2ci.rig.discovery, gs2ci.rig.doctor, gs2ci.rig.patterns, gs2ci.rig.recording
 from gs2ci.rig.opening import load_rig
 from gs2ci.core.foreign.opening import load_single
-from gs2ci_drivers.dlpc900 import erle, rle
+from gs2ci_drivers.dlpc900 import erle
 
 for found in pkgutil.walk_packages(gs2ci_drivers.__path__, "gs2ci_drivers."):
     importlib.import_module(found.name)
 assert load_rig(Path({rig!r})).bench is None
 np.savez("masks.npz", masks=np.eye(8))
 words = load_single(Path("masks.npz")).values.astype(np.uint32)
-assert erle.encode(words).hex().startswith("0100000107000000") and len(rle.encode(words)) > 8
+assert erle.encode(words).hex().startswith("0100000107000000")
 """
 
 
