@@ -91,7 +91,8 @@ def run(
                 from gs2ci_calibration.procedures import PROCEDURES
 
                 done = [section.name for section in sections]
-                none = ["stage"] if opened.devices.stage is None else []
+                # With a section done, devices are open.
+                none = ["stage"] if done and opened.devices.stage is None else []
                 left = [name for name in PROCEDURES if name not in done + none]
                 if done and left:
                     again = shlex.join(["gs2ci", "calibrate", left[0], "--rig", str(rig), "-o", str(out)])
