@@ -46,7 +46,7 @@ MOVING: Final = Origin.MOVING.value
 # The least share of the still fits' residual that motion has to explain, or the least share of blocks in which it
 # surely does: a first-order model explains little of a motion that is wider than the detail that moves
 # (docs/decisions/moving-scenes.md).
-_LEAST_EXPLAINED: Final = 0.006
+_LEAST_EXPLAINED: Final = 0.015
 _LEAST_SURELY: Final = 0.08
 # The share by which a moving scene has to reduce the residual at the held-out pixels.
 _LEAST_GAIN: Final = 0.02
