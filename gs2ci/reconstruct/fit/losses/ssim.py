@@ -195,8 +195,9 @@ class SimilarityTo:
         height = self._shape[0]
         sums = np.empty(height, np.float64)
         self._terms[0] = error
-        np.multiply(error, error, out=self._terms[1])
-        np.multiply(error, self._centred, out=self._terms[2])
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges has a loss that is not finite
+            np.square(error, self._terms[1])
+            np.multiply(error, self._centred, out=self._terms[2])
         given = (self._terms, self._of_target, self._taps, self._shape[2], self._partial, self._apart, sums)
         in_parts(_compare, height, height, self._width, *given)
         return float(sums.sum())
