@@ -107,7 +107,7 @@ MOVED = (0.0, 1e-7, 2e-7, 3e-7)
 def test_drafts_on_a_card_are_in_the_mean_as_good_as_the_cpus(draft, monkeypatch):
     """First positions are moved by up to 3e-7 of theirs: a fit that adds Gaussians makes tenths of a dB of it.
 
-    So the means of several drafts are compared: to 0.1 dB, and twice the standard error of their difference.
+    So the means of several drafts are compared: to 0.1 dB, and three times the standard error of their difference.
     """
     shot, plain = Bench("planes").expose((48, 64)), fitting.first_gaussians
 
@@ -131,4 +131,4 @@ def test_drafts_on_a_card_are_in_the_mean_as_good_as_the_cpus(draft, monkeypatch
         found["cpu"].append(psnr_db(shot, here))
     print(found)  # docs/gpu.md has these figures
     error_db = np.sqrt(sum(np.var(one, ddof=1) / len(one) for one in found.values()))
-    assert np.mean(found["auto"]) == pytest.approx(np.mean(found["cpu"]), abs=0.1 + 2 * error_db)
+    assert np.mean(found["auto"]) == pytest.approx(np.mean(found["cpu"]), abs=0.1 + 3 * error_db)
