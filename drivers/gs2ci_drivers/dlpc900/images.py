@@ -1,7 +1,7 @@
 """Masks to DLPC900 pattern images: bit-planes, the 48-byte header, coding, halves for two controllers. Pure.
 
-Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image. Not here: the coding
-itself (`erle`), sending (`driver`). Imported by the driver, `gs2ci.rig` and tests.
+Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image. Not here: the coding itself (`erle`),
+sending (`driver`). Imported by the driver, `gs2ci.rig` and tests.
 """
 
 import struct

@@ -260,11 +260,9 @@ class _Import:
     def camera_file(self) -> CameraFile | None:
         """Get the camera of a file of another program, if the user names one."""
         given = self.options.intrinsics
-        if not isinstance(given, Path):
-            return None
-        if is_camera_file(given):
+        if isinstance(given, Path) and is_camera_file(given):
             return read_calibration(given, self.readings.shape[1:3])
-        found = matlab_camera(open_foreign(given), self.readings.shape[1:3])
+        found = None if self.calibration is None else matlab_camera(self.calibration, self.readings.shape[1:3])
         if found is not None:
             self.guesses.append(
                 f"{given}: a camera of MATLAB's, which counts pixels from 1: half of one was subtracted"
@@ -273,9 +271,9 @@ class _Import:
 
     @cached_property
     def calibration(self) -> Container | None:
-        """Get the file of arrays in which the user says that the camera matrix is."""
+        """Get the file of arrays in which the user says that the camera is."""
         given = self.options.intrinsics
-        return open_foreign(given) if isinstance(given, Path) and self.camera_file is None else None
+        return open_foreign(given) if isinstance(given, Path) and not is_camera_file(given) else None
 
     def intrinsics(self) -> F64 | None:
         """Get the camera matrix: said, or from the file."""

@@ -1,8 +1,7 @@
 """The reading of an uploaded pattern image by the DLPC900's firmware: a header, then ERLE, strictly.
 
-Here: bytes → 24-bit words, or an error with its reason. Not here: its two other
-codings, loading, memory, display (`dlpc900`). It shares no
-code with the driver's encoder, so that it detects errors there.
+Here: bytes → 24-bit words, or an error with its reason. Not here: its two other codings, loading,
+memory, display (`dlpc900`). It shares no code with the driver's encoder, so that it detects errors there.
 """
 
 import numpy as np
